@@ -18,7 +18,7 @@ from merging.config.registration import VerificationConfig
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.grids.walls import Limits
-from tbmslam.kernels.search.touching_cells import pieces_of
+from tbmslam.kernels.search.connected_cells import components_of
 from tbmslam.map.walls import (
     AGREED,
     AGREES,
@@ -274,7 +274,7 @@ def stretches_m(cells: Cells, resolution: float) -> float:
 def _large_pieces(cells: Cells, resolution: float) -> list[Cells]:
     """Return the cells (N, 2) of each connected piece after growth, without small pieces."""
     cells = np.ascontiguousarray(cells[np.lexsort((cells[:, 1], cells[:, 0]))])
-    labels = pieces_of(cells, _TOUCHING)
+    labels = components_of(cells, _TOUCHING)
     order = np.argsort(labels, kind="stable")
     cells, starts = cells[order], np.flatnonzero(np.diff(labels[order], prepend=-1))
     sides = np.maximum.reduceat(cells, starts) - np.minimum.reduceat(cells, starts) + 3  # grown

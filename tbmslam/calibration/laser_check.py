@@ -18,7 +18,7 @@ from tbmslam.kernels.adjustment.laser_slopes import (
     OFFSET,
     SCALE,
     SWEEP,
-    bent_hits,
+    corrected_hits,
     laser_equations,
     single_scan_hits,
 )
@@ -27,7 +27,7 @@ from tbmslam.kernels.adjustment.pose_systems import PoseSystem
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, WallLines, stretch_begins
 from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
+from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
 
 logger = logging.getLogger(__name__)
 
@@ -110,7 +110,7 @@ class SelfCalibration:
         )
         self._poses = poses[scans]
         self._rates = rates[scans]
-        self._bends = bends_of([0, len(scans)])
+        self._bends = coarse_space_of([0, len(scans)])
         self._held = np.tile(_DAMPING * np.eye(3), (len(scans), 1, 1))
         self._held[0] += _GAUGE * np.eye(3)
         self._numbers = np.zeros(NUMBERS)
@@ -120,7 +120,7 @@ class SelfCalibration:
         """Do one round; return the parameters (M,) and their information (M, M)."""
         pieces, numbers, at = self._pieces, self._numbers, self._poses
         scales = numbers[SCALE] + numbers[SWEEP] * self._rates
-        hits = bent_hits(self._hits, self._begins, scales, float(numbers[OFFSET]))
+        hits = corrected_hits(self._hits, self._begins, scales, float(numbers[OFFSET]))
         walls = WallLines(hits, 1, at, self._round * _SHIFT % 1.0 * pieces.cell, pieces)
         own, motions, pull = motion_equations(self._motions, at)
         solver = PoseSolver(
@@ -130,14 +130,14 @@ class SelfCalibration:
         laser = laser_equations(hits, self._hits[:, 2], self._rates, at, walls.seen, walls.system, limits)
         gradient = walls.gradient + pull
         # The Schur complement of the poses, in a form whose error is the square of the solver's.
-        following = [solver.solved(np.ascontiguousarray(laser.across[:, :, j])) for j in range(NUMBERS)]
+        following = [solver.solve(np.ascontiguousarray(laser.across[:, :, j])) for j in range(NUMBERS)]
         follow = np.array(following).reshape(NUMBERS, -1)
         curved = np.array([solver.curved(changes) for changes in following]).reshape(NUMBERS, -1)
         across = laser.across.reshape(-1, NUMBERS)
         information = laser.own - follow @ across - (follow @ across).T + follow @ curved.T
         slope = laser.gradient - follow @ gradient.ravel()
         change = -np.linalg.solve(information + np.diag(_PRIOR), slope + _PRIOR * numbers)
-        moved = solver.solved(gradient) + (follow.T @ change).reshape(-1, 3)
+        moved = solver.solve(gradient) + (follow.T @ change).reshape(-1, 3)
         self._poses = at - moved
         self._poses[:, 2] = wrap_angles(self._poses[:, 2])
         self._numbers = numbers + change

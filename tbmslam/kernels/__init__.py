@@ -1,8 +1,8 @@
 """The only compiled code: plain functions on plain arrays, and the rules they share.
 
-A kernel validates nothing, raises nothing and does no I/O; the module above it does. It never uses all of fastmath
-(which breaks ``isnan``) nor parallel float reductions (which change the result from run to run). Out-of-range indices
-are silent in compiled code: callers make the grid large enough first, and CI runs the kernel tests once more with
+A kernel neither validates nor raises, and does no I/O; its callers do. It does not use the whole of fastmath, which
+breaks ``isnan``, nor parallel float reductions, which change the result from run to run. Compiled code does not detect
+indices out of range. Callers therefore enlarge grids first, and CI repeats the kernel tests with
 ``NUMBA_BOUNDSCHECK=1``.
 """
 
@@ -25,7 +25,7 @@ BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Pose = tuple[float, float, float]
-"""x [m], y [m], theta [rad]; an SE2 is one."""
+"""x [m], y [m], theta [rad], such as an `SE2`."""
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -49,14 +49,14 @@ _load_array_functions()
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function with the project's options, cached on disk where a writable place exists."""
+    """Compile a function with the project's options, and cache it on disk if a folder is writable."""
     return _compiled(function, set())
 
 
 def summing_kernel(function: Function) -> Function:
-    """Compile a function as `kernel` does, its sums taken in the order that vector instructions are fastest in.
+    """Compile a function as `kernel` does, with its sums reordered for vector instructions.
 
-    The order is the same in every run on one kind of processor; not-a-number stays what it is.
+    The order is the same in every run on one kind of processor. Not-a-number is preserved.
     """
     return _compiled(function, {"reassoc"})
 
@@ -66,9 +66,9 @@ def _compiled(function: Function, fastmath: set[str]) -> Function:
     previous = _settings.CACHE_DIR, getattr(_settings, "CACHE_LOCATOR_CLASSES", "")
     if folder is not None:
         _settings.CACHE_DIR = str(folder)
-        # Numba before 0.62 does not know this, and compiles once for each installation.
+        # Numba before 0.62 ignores this option, and compiles once for each installation.
         _settings.CACHE_LOCATOR_CLASSES = f"{__name__}.cache_locator.ContentLocator"
-    # Nothing calls a kernel by its address: the wrapper for that is not compiled.
+    # No code calls a kernel by its address, so the wrapper for such calls is not compiled.
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "fastmath": fastmath}
     try:
         return cast("Function", _njit(**options, cache=folder is not None)(function))

@@ -1,9 +1,9 @@
-"""Folders on disk for compiled kernels: one for each file of kernels and each state of what it is compiled from.
+"""Cache folders for compiled kernels: one for each version of each file of kernels.
 
-Numba's own cache looks at one file at a time, so it runs stale code when a callee in another file changed, and it
-ignores ``NUMBA_BOUNDSCHECK`` once something is cached. A folder is therefore named by the text of a file, of the files
-of this package that it imports, directly or not, by numba's version, and by that flag: a change in one file leaves what
-others compiled, and installations of the same text share it (see `cache_locator`).
+Numba's own cache checks single files. It runs stale code after a change of a callee in another file, and it ignores
+``NUMBA_BOUNDSCHECK`` for cached code. The name of a folder is therefore a digest of the file, of all files of this
+package that it imports, of numba's version and of that flag. Installations with the same text share the folder (see
+`cache_locator`).
 """
 
 import hashlib
@@ -20,16 +20,16 @@ from pathlib import Path
 _PACKAGE = Path(__file__).parents[1]
 _IMPORT = re.compile(rb"^from tbmslam((?:\.\w+)+) import ", re.MULTILINE)
 _FOLDER = re.compile(r"(?:(\w+)-)?[0-9a-f]{16}")
-"""What this file names, and what versions before it named: one folder for all files."""
+"""Names of cache folders; earlier versions used one folder without a stem for all files."""
 _DAY = 86400.0
 _KEPT_DAYS = 30.0
-"""Two branches that one works on in turn stay compiled."""
+"""Unused folders are kept so long, so that alternating between two branches does not compile again."""
 _KEPT_STATES = 20
-"""Of one file; a day's work on it leaves about as many."""
+"""Largest number of folders of one file; a day's work on it leaves about as many."""
 
 
 def cache_root() -> Path | None:
-    """Return the folder of all caches, made where it is missing; None where there is no place for it."""
+    """Return the folder of all caches, and make it if it is missing; None if that is not possible."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     root = Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
     try:
@@ -42,7 +42,7 @@ def cache_root() -> Path | None:
 
 @cache
 def folder_of(source: str) -> Path | None:
-    """Return where the kernels of a file are cached, asked once in each process; None where there is no place."""
+    """Return the cache folder of a file, determined once in each process; None if none is possible."""
     root = _root()
     return None if root is None else cache_folder(Path(source), root)
 
@@ -53,17 +53,17 @@ def _root() -> Path | None:
 
 
 def cache_folder(source: Path, root: Path) -> Path | None:
-    """Return the folder for what is compiled from a file, marked as used; None where no one can write there."""
+    """Return the cache folder of a file, and mark it as used; None if it is not writable."""
     try:
         folder = root / f"{source.stem}-{_digest(source)}"
         if not folder.exists():
-            folder.mkdir(exist_ok=True)  # another process may be faster
+            folder.mkdir(exist_ok=True)  # another process may have made it
             _prune(root, time.time())
         elif time.time() - folder.stat().st_mtime > _DAY:
             os.utime(folder)
-        with tempfile.TemporaryFile(dir=folder):  # else numba would cache where it does not see changes of callees
+        with tempfile.TemporaryFile(dir=folder):  # in an unwritable folder numba would fall back to its own cache
             return folder
-    except OSError:  # a read-only place, or a package in an archive
+    except OSError:  # a read-only folder, or a package in an archive
         return None
 
 
@@ -79,7 +79,7 @@ def _text(source: Path) -> bytes:
 
 
 def _digest(source: Path) -> str:
-    """Return what the text of a file and of all that is compiled into it comes down to."""
+    """Return the digest of a file and of all files that are compiled into it."""
     found, unread = {source}, [source]
     while unread:
         new = imported_files(_text(unread.pop())) - found
@@ -94,12 +94,12 @@ def _digest(source: Path) -> str:
 
 
 def _prune(root: Path, now: float) -> None:
-    """Remove the folders that were not used for long, and of each file those beyond the latest."""
+    """Remove folders that were unused for long, and the oldest folders of files with too many."""
     kept: dict[str, int] = {}
     used = {}
     for folder in root.iterdir():
         if _FOLDER.fullmatch(folder.name):
-            with suppress(FileNotFoundError):  # another process prunes, too
+            with suppress(FileNotFoundError):  # another process may remove folders, too
                 used[folder] = folder.stat().st_mtime
     for folder in sorted(used, key=lambda each: -used[each]):
         stem = folder.name.rpartition("-")[0]

@@ -1,4 +1,4 @@
-"""Where numba finds compiled kernels: by what they were compiled from, wherever the program is installed."""
+"""Locates cached kernels by the text that they were compiled from, independent of the place of installation."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,11 +7,10 @@ from tbmslam.kernels.cache_folders import folder_of
 
 
 class ContentLocator:
-    """Tells numba the folder of a kernel's file, which is named by all text that is compiled into it.
+    """Tells numba the cache folder of a file of kernels.
 
-    Numba's own locators put a folder in between that is named by the path of the source, and believe what is cached as
-    long as the source's time stamp stays: a second installation, or the same in a new container, compiles anew.
-    Source: numba's reference, "NUMBA_CACHE_LOCATOR_CLASSES".
+    The locators of numba depend on the path and the time stamp of the source. With them, a second installation or a new
+    container compiles again. Source: numba's reference, "NUMBA_CACHE_LOCATOR_CLASSES".
     """
 
     def __init__(self, folder: Path, line: int) -> None:
@@ -20,12 +19,12 @@ class ContentLocator:
 
     @classmethod
     def from_function(cls, function: Callable[..., object], source: str) -> "ContentLocator | None":
-        """Return the locator of a function in a file; None where nothing can be cached."""
+        """Return the locator of a function in a file; None if no folder is writable."""
         folder = folder_of(source)
         return None if folder is None else cls(folder, function.__code__.co_firstlineno)
 
     def ensure_cache_path(self) -> None:
-        """Make the folder where another process has pruned it."""
+        """Make the folder, which another process may have removed."""
         self._folder.mkdir(parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
@@ -33,9 +32,9 @@ class ContentLocator:
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
-        """Return what must be the same for cached code to be used: the folder's name has told that already."""
+        """Return a constant: the name of the folder identifies the source already."""
         return "by content"
 
     def get_disambiguator(self) -> str:
-        """Return what tells functions of one name and file apart."""
+        """Return text that distinguishes functions of the same name in a file."""
         return str(self._line)

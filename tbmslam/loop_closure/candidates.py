@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.geometry.se2 import FloatArray, adjoints, inverse
-from tbmslam.kernels.search.ways import nearest_stretches, shortest_ways
+from tbmslam.kernels.search.path_lengths import nearest_stretches, shortest_paths
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.map.scan_hits import DriveHits
 from tbmslam.tracking.surfel_map import SurfelConfig
@@ -49,11 +49,11 @@ class DriftGraph:
             self._join((travelled, place, _BRIDGE), self._meetings[-1])
         self._meetings.append((travelled, place, _BRIDGE))
 
-    def ways_from(self, travelled: float) -> FloatArray:
+    def paths_from(self, travelled: float) -> FloatArray:
         """Return the length of the shortest path (P,) to every place from the robot after a path [m]."""
         since, place, bridge = self._meetings[-1]
         used = len(self._edges)
-        return shortest_ways(self._places, self._ends[:used], self._lengths[:used], place) + travelled - since + bridge
+        return shortest_paths(self._places, self._ends[:used], self._lengths[:used], place) + travelled - since + bridge
 
     def _join(self, one: tuple[float, int, float], other: tuple[float, int, float]) -> None:
         """Join two places, unless a shorter path does."""
@@ -194,9 +194,9 @@ class ClosingTargets:
         firsts, lasts = self._firsts[:old], self._lasts[:old]
         return NearTargets(*nearest_stretches(poses, keyframe, firsts, lasts, limit, self._config.length))
 
-    def ways(self, keyframe: int) -> FloatArray:
+    def path_lengths(self, keyframe: int) -> FloatArray:
         """Return the length of the shortest path (T,) from a keyframe to each target, over all registrations [m]."""
-        return self._graph.ways_from(float(self._hits.travelled[keyframe]))
+        return self._graph.paths_from(float(self._hits.travelled[keyframe]))
 
     def anchors(self, keyframe: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Return the middle keyframes (T,) of targets of earlier visits, and those (T,) last registered to them.

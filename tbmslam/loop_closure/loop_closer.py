@@ -246,7 +246,7 @@ class _Drive:
         near, distances = self._targets.near(keyframe, self.poses, config.reach + config.max_shift)
         if not len(near):
             return []
-        drifts = self._targets.ways(keyframe)[near].tolist()
+        drifts = self._targets.path_lengths(keyframe)[near].tolist()
         found = []
         for target, distance, drift in zip(near.tolist(), distances.tolist(), drifts, strict=True):
             shift = min(0.3 + config.drift * drift, config.max_shift)

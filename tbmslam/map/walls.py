@@ -21,8 +21,8 @@ from tbmslam.kernels.grids.walls import (
     YY,
     Limits,
     Walls,
+    classify_walls,
     compare_walls,
-    hold_walls,
     see_through_walls,
 )
 
@@ -61,7 +61,7 @@ def hold(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits
     -------
     OUTSIDE what the fixed map knows, or one of AGREES, CONFLICTS, NEITHER and NOT_SEEN, as `compare` counts them.
     """
-    return hold_walls(moving, some, fixed, T_fixed_moving, limits)
+    return classify_walls(moving, some, fixed, T_fixed_moving, limits)
 
 
 def see_through(moving: Walls, fixed: Walls, T_fixed_moving: SE2, reach_m: float) -> npt.NDArray[np.bool_]:

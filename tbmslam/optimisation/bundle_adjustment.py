@@ -17,14 +17,14 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, compose, inverse, path_lengths, wrap_angles
-from tbmslam.kernels.adjustment.laser_slopes import SeenLines
+from tbmslam.kernels.adjustment.laser_slopes import ObservedLines
 from tbmslam.kernels.adjustment.line_adjustment import (
     fit_lines,
     line_equations,
 )
 from tbmslam.kernels.adjustment.motion_systems import motion_equations
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem
-from tbmslam.kernels.adjustment.two_levels import Factors
+from tbmslam.kernels.adjustment.two_levels import Preconditioner
 from tbmslam.kernels.adjustment.wall_pieces import (
     Raster,
     StretchHits,
@@ -36,7 +36,7 @@ from tbmslam.kernels.adjustment.wall_pieces import (
 from tbmslam.map.drive import spread_corrections
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
+from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
 
 logger = logging.getLogger(__name__)
 
@@ -110,21 +110,21 @@ def adjust(
     stretches = RigidStretches(poses, [len(scans) for scans in drives], config)
     believed = [*stretches.between(chains), *others]
     motions = motions_of(believed, closures, closure_width, stretches.owners, stretches.places)
-    bends = bends_of(stretches.ends)
+    coarse = coarse_space_of(stretches.ends)
     hits = stretches.hits(drives, config)
     held = np.tile(_DAMPING * np.eye(3), (len(stretches.middles), 1, 1))
     held[0] += _GAUGE * np.eye(3)
     before = at = poses[stretches.middles]
-    factors: Factors | None = None
+    factors: Preconditioner | None = None
     for number in range(config.quick_rounds + config.rounds):
         every = _QUICK if number < config.quick_rounds else 1
         fewer = config.model_copy(update={"min_hits": config.min_hits / every})
         lines = WallLines(hits, every, at, number * _SHIFT % 1.0 * config.cell, fewer)
         own, between, pull = motion_equations(motions, at)
         system = PoseSystem(lines.own + own + held, lines.system, between)
-        solver = PoseSolver(system, at, bends, config.precision, factors)
+        solver = PoseSolver(system, at, coarse, config.precision, factors)
         factors = solver.factors
-        at = at - solver.solved(lines.gradient + pull)
+        at = at - solver.solve(lines.gradient + pull)
         at[:, 2] = wrap_angles(at[:, 2])
     moved_m = float(np.sqrt(((at - before)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("laying %d stretches onto %d pieces of wall moved them by %.3f m", len(at), lines.count, moved_m)
@@ -269,8 +269,8 @@ class WallLines:
         is_line = lines[:, 4] > 0.0
         lines, numbers = lines[is_line], np.where(is_line, np.cumsum(is_line) - 1, -1)
         self.count = len(lines)
-        moments, seers, begins = sort_sightings(seen, numbers, self.count)
-        self.seen = SeenLines(raster, known, numbers, moments, seers, begins, lines)
+        moments, observers, begins = sort_sightings(seen, numbers, self.count)
+        self.seen = ObservedLines(raster, known, numbers, moments, observers, begins, lines)
         self.own, self.system, self.gradient = line_equations(
-            moments, seers, begins, lines, poses, config.enough, config.deviation, config.robust_width
+            moments, observers, begins, lines, poses, config.enough, config.deviation, config.robust_width
         )

@@ -13,7 +13,7 @@ from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, wrap_angles
 from tbmslam.kernels.adjustment.motion_systems import Motions, motion_equations
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem
 from tbmslam.optimisation.pose_graph import MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
+from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
 
 _GAUGE = 1e12
 """Information that fixes the first pose to a micrometre and a microradian [1/m^2, 1/rad^2]."""
@@ -64,14 +64,14 @@ def optimise(
     numbers = np.zeros(len(poses), dtype=np.int64)
     numbers[nodes] = np.arange(len(nodes))
     motions = motions_of([*chain], [*closures], robust_width, numbers, np.zeros((len(poses), 3)))
-    bends, damping = bends_of([0, len(at)]), _DAMPING
+    coarse, damping = coarse_space_of([0, len(at)]), _DAMPING
     error = _error(motions, at)
     for _ in range(_MOST_STEPS):
         own, system, gradient = motion_equations(motions, at)
         own[0] += _GAUGE * np.eye(3)
         while True:
             damped = own + damping * np.eye(3)
-            step = PoseSolver(PoseSystem(damped, _NO_LINES, system), at, bends, _RESIDUE).solved(gradient)
+            step = PoseSolver(PoseSystem(damped, _NO_LINES, system), at, coarse, _RESIDUE).solve(gradient)
             moved = at - step
             moved[:, 2] = wrap_angles(moved[:, 2])
             left = _error(motions, moved)
@@ -129,16 +129,16 @@ def relative_covariance(
     numbers = np.zeros(len(poses), dtype=np.int64)
     numbers[nodes] = np.arange(len(nodes))
     motions = motions_of(chain, closures, robust_width, numbers, np.zeros((len(poses), 3)))
-    at, bends = poses[nodes], bends_of([0, len(nodes)])
+    at, coarse = poses[nodes], coarse_space_of([0, len(nodes)])
     own, system, _ = motion_equations(motions, at)
     held, asked = numbers[source], numbers[target]
     own[held] += _GAUGE * np.eye(3)
-    solver = PoseSolver(PoseSystem(own, _NO_LINES, system), at, bends, _COVARIANCE_RESIDUE)
+    solver = PoseSolver(PoseSystem(own, _NO_LINES, system), at, coarse, _COVARIANCE_RESIDUE)
     in_map = np.empty((3, 3))
     for axis in range(3):
         force = np.zeros((len(nodes), 3))
         force[asked, axis] = 1.0
-        in_map[:, axis] = solver.solved(force)[asked]
+        in_map[:, axis] = solver.solve(force)[asked]
     rotation = SE2(0.0, 0.0, float(poses[target, 2])).matrix()
     covariance: FloatArray = rotation.T @ in_map @ rotation
     return covariance

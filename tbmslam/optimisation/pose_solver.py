@@ -9,7 +9,7 @@ import numpy.typing as npt
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.adjustment.motion_systems import Motions
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem, times
-from tbmslam.kernels.adjustment.two_levels import Bends, Factors, factors_of, solved
+from tbmslam.kernels.adjustment.two_levels import CoarseSpace, Preconditioner, conjugate_gradients, preconditioner_of
 from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
 
 _MOST_STEPS = 1000
@@ -22,7 +22,7 @@ class PoseSolver:
     ----------
     poses
         The poses (N, 3).
-    bends
+    coarse
         Knots along the drives.
     precision
         Share of the right side that may be left unsolved.
@@ -39,20 +39,20 @@ class PoseSolver:
         self,
         system: PoseSystem,
         poses: FloatArray,
-        bends: Bends,
+        coarse: CoarseSpace,
         precision: float,
-        factors: Factors | None = None,
+        factors: Preconditioner | None = None,
     ) -> None:
-        self._system, self._bends, self._precision = system, bends, precision
-        self.factors = factors_of(system, poses, bends) if factors is None else factors
+        self._system, self._coarse, self._precision = system, coarse, precision
+        self.factors = preconditioner_of(system, poses, coarse) if factors is None else factors
 
     def curved(self, changes: FloatArray) -> FloatArray:
         """Return the curvature times changes (N, 3) of the poses."""
         return times(self._system, changes)
 
-    def solved(self, gradient: FloatArray) -> FloatArray:
+    def solve(self, gradient: FloatArray) -> FloatArray:
         """Return the changes (N, 3) of the poses whose curvature product is the gradient (N, 3)."""
-        return solved(self._system, self.factors, self._bends, gradient, self._precision, _MOST_STEPS)
+        return conjugate_gradients(self._system, self.factors, self._coarse, gradient, self._precision, _MOST_STEPS)
 
 
 _APART = 8
@@ -60,7 +60,7 @@ _APART = 8
 _MOST_KNOTS = 250
 
 
-def bends_of(ends: Sequence[int]) -> Bends:
+def coarse_space_of(ends: Sequence[int]) -> CoarseSpace:
     """Return knots for drives whose poses come one drive after the other.
 
     Parameters
@@ -81,7 +81,7 @@ def bends_of(ends: Sequence[int]) -> Bends:
         sides.append(count + np.column_stack((before, after)))
         shares.append(np.column_stack((1.0 - share, share)))
         count += len(own)
-    return Bends(np.concatenate(knots), np.vstack(sides), np.vstack(shares))
+    return CoarseSpace(np.concatenate(knots), np.vstack(sides), np.vstack(shares))
 
 
 def motions_of(

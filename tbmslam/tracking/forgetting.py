@@ -9,7 +9,7 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, path_lengths
-from tbmslam.kernels.search.ways import shown_before
+from tbmslam.kernels.search.path_lengths import shown_before
 from tbmslam.optimisation.pose_graph import MotionEdge
 
 

@@ -1,4 +1,4 @@
-"""Chains of motions, each composed to one."""
+"""Composition of chains of motions."""
 
 import math
 
@@ -17,10 +17,10 @@ def compose_chain(
     Parameters
     ----------
     motions, covariances
-        Motions (N, 3) between consecutive places, and covariances (N, 3, 3) of an error in the frame at their ends.
+        Motions (N, 3) between consecutive poses, and their covariances (N, 3, 3) in the frame at the end.
     nodes
-        Rising indices (M,) of places. The motion of several steps is their product, its covariance the sum of theirs,
-        each carried to the end (first order; Sola et al., eq. 54).
+        Rising indices (M,) of poses. The covariances of the steps between two nodes are transformed to the end and
+        summed (first order; Sola et al., eq. 54).
     """
     composed, summed = np.zeros((len(nodes) - 1, 3)), np.zeros((len(nodes) - 1, 3, 3))
     adjoint, carried = np.zeros((3, 3)), np.empty((3, 3))
@@ -33,7 +33,7 @@ def compose_chain(
             cosine, sine = math.cos(motions[k, 2]), math.sin(motions[k, 2])
             adjoint[0, 0], adjoint[0, 1], adjoint[0, 2] = cosine, sine, sine * dx - cosine * dy
             adjoint[1, 0], adjoint[1, 1], adjoint[1, 2] = -sine, cosine, cosine * dx + sine * dy
-            # Element by element, as sums of arrays take long to compile.
+            # Element by element, since sums of arrays take long to compile.
             for a in range(3):
                 for d in range(3):
                     carried[a, d] = 0.0

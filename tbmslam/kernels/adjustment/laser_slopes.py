@@ -1,7 +1,7 @@
-"""Hits of single scans, and how they leave their walls as the numbers change that a laser is described by.
+"""Derivatives of the distances between hits and walls by the errors of a laser.
 
-These are the angle between beams, what is to be added to ranges, and how long a scan takes: a robot that turns
-meanwhile sees angles that are wrong by a share, too, to the other side when it turns to the other side.
+The errors are a scale of the angles between beams, an offset of the ranges, and the duration of a scan. While the robot
+turns, the duration scales the angles too, in proportion to the turn rate.
 """
 
 import math
@@ -16,36 +16,35 @@ from tbmslam.kernels.adjustment.wall_pieces import Pieces, Raster, StretchHits, 
 from tbmslam.kernels.rays.hits import hits_of_scan
 
 NUMBERS = 3
-"""How many numbers there are."""
+"""Number of errors."""
 SCALE, OFFSET, SWEEP = range(NUMBERS)
-"""Share by which angles between beams are larger, what is added to ranges [m], time in which a beam turns by a radian
-[s]."""
+"""Relative error of the angles between beams, offset of the ranges [m], time of a beam's rotation by a radian [s]."""
 
 
-class SeenLines(NamedTuple):
-    """Lines, and what they were made of."""
+class ObservedLines(NamedTuple):
+    """Lines with their pieces and sightings."""
 
     raster: Raster
     known: Pieces
     numbers: IntArray
-    """The line of each piece, -1 for none."""
+    """The line of each piece; -1 for none."""
     moments: FloatArray
-    """Sightings of one line after the other, as `wall_pieces.sort_sightings` returns them."""
-    seers: IntArray
+    """The sightings, sorted by line, see `wall_pieces.sort_sightings`."""
+    observers: IntArray
     begins: IntArray
     lines: FloatArray
-    """As `tbmslam.kernels.adjustment.line_adjustment.fit_lines` returns them, all with a length (L, 5)."""
+    """The lines (L, 5) with a length, see `tbmslam.kernels.adjustment.line_adjustment.fit_lines`."""
 
 
 class LaserSystem(NamedTuple):
-    """The equations of the laser's numbers, the lines eliminated."""
+    """The normal equations of the errors of the laser, after elimination of the lines."""
 
     own: FloatArray
-    """Curvature of the numbers by themselves (M, M)."""
+    """Curvature (M, M) of the errors."""
     across: FloatArray
-    """Curvature of each pose's by the numbers' changes (N, 3, M)."""
+    """Mixed curvature (N, 3, M) of each pose and the errors."""
     gradient: FloatArray
-    """By the numbers (M,)."""
+    """Gradient (M,) by the errors."""
 
 
 @kernel
@@ -58,22 +57,21 @@ def single_scan_hits(
     most: int,
     limits: tuple[float, float, float],
 ) -> tuple[FloatArray, IntArray]:
-    """Return the hits of chosen scans whose normals are known (W, 4), and where each scan's begin (N + 1,).
+    """Return the hits (W, 4) of chosen scans with known normals, and the first index of each scan (N + 1,).
 
-    A hit is its range [m], its direction [rad] in the frame of its scan's first beam, its beam's angle from the middle
-    of the fan [rad] and where its normal points [rad].
+    A hit is its range [m], its direction in the frame of the first beam [rad], the angle of its beam from the middle of
+    the scan [rad], and the direction of its normal [rad].
 
     Parameters
     ----------
     ranges, offsets, beams, beam_steps
         Scans as in `tbmslam.map.keyframes.Keyframes`.
     chosen
-        Which of them (N,).
+        Indices (N,) of the chosen scans.
     most
-        Every so manieth beam is used that about so many are.
+        Approximate number of beams that are used of each scan, evenly spaced.
     limits
-        How far a hit may be, how far apart its neighbours, and how far it from the line between them [m], as of
-        `tbmslam.kernels.adjustment.wall_pieces.gather_hits`.
+        As of `tbmslam.kernels.adjustment.wall_pieces.gather_hits`.
     """
     size, longest = 0, 0
     for k in chosen:
@@ -111,8 +109,8 @@ def single_scan_hits(
 
 
 @kernel
-def bent_hits(hits: FloatArray, begins: IntArray, scales: FloatArray, offset: float) -> StretchHits:
-    """Return hits (W, 4) of scans where the angles of each are larger by a share (N,), and all ranges by an offset."""
+def corrected_hits(hits: FloatArray, begins: IntArray, scales: FloatArray, offset: float) -> StretchHits:
+    """Return hits (W, 4) after scaling the angles of each scan by 1 + scale (N,) and adding an offset to the ranges."""
     walls = np.empty((len(hits), 3), dtype=np.float32)
     for k in range(len(scales)):
         for i in range(begins[k], begins[k + 1]):
@@ -129,20 +127,20 @@ def laser_equations(
     angles: FloatArray,
     rates: FloatArray,
     poses: FloatArray,
-    seen: SeenLines,
+    seen: ObservedLines,
     system: LineSystem,
     limits: tuple[float, float, float],
 ) -> LaserSystem:
-    """Linearise the distances of all hits from their lines by the laser's numbers, the lines being eliminated.
+    """Linearise the distances of all hits from their lines by the errors of the laser, and eliminate the lines.
 
     Parameters
     ----------
     hits
-        Hits with normals (W, 3), of one scan after the other.
+        Hits with normals (W, 3), sorted by scan.
     angles
-        Of their beams from the middle of the fan (W,) [rad].
+        Angles (W,) of their beams from the middle of the scan [rad].
     rates
-        How fast the laser turned the way its beams do at each scan (N,) [rad/s].
+        Turn rate (N,) of the laser at each scan, in the direction of its beams [rad/s].
     poses
         Poses (N, 3) of the laser at the scans.
     seen
@@ -150,9 +148,9 @@ def laser_equations(
     system
         As of `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
     limits
-        Its `enough`, `deviation` and `width`.
+        The `enough`, `deviation` and `width` of `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
     """
-    moments, seers, begins, lines = seen.moments, seen.seers, seen.begins, seen.lines
+    moments, observers, begins, lines = seen.moments, seen.observers, seen.begins, seen.lines
     couplings, pulls = np.zeros((len(moments), NUMBERS, 2)), np.zeros((len(lines), 2))
     own, across, gradient = np.zeros((NUMBERS, NUMBERS)), np.zeros((len(poses), 3, NUMBERS)), np.zeros(NUMBERS)
     weights, place, slopes = _weights(poses, seen, limits), begins.copy(), np.empty(NUMBERS)
@@ -165,12 +163,12 @@ def laser_equations(
             line = seen.numbers[piece] if piece >= 0 else -1
             if line < 0:
                 continue
-            while seers[place[line]] < k:
+            while observers[place[line]] < k:
                 place[line] += 1
             o = place[line]
             px, py, lx, ly = lines[line, 0], lines[line, 1], lines[line, 2], lines[line, 3]
             dx, dy = poses[k, 0] + x - px, poses[k, 1] + y - py
-            # The distance from the line, the place along it, and the levers of the scan's turn and of longer ranges.
+            # Distance from the line, position along it, and derivatives by the scan's rotation and by the range.
             away, along = lx * dy - ly * dx, lx * dx + ly * dy
             turning, outward = lx * x + ly * y, (lx * y - ly * x) / math.hypot(x, y)
             slopes[SCALE], slopes[OFFSET], slopes[SWEEP] = angles[i] * turning, outward, rates[k] * angles[i] * turning
@@ -191,14 +189,14 @@ def laser_equations(
 
 
 @kernel
-def _weights(poses: FloatArray, seen: SeenLines, limits: tuple[float, float, float]) -> FloatArray:
-    """Return the weight of a hit of each sighting (O,), as `line_equations` has it."""
+def _weights(poses: FloatArray, seen: ObservedLines, limits: tuple[float, float, float]) -> FloatArray:
+    """Return the weight of a hit of each sighting (O,), as in `line_equations`."""
     enough, deviation, width = limits
     weights = np.empty(len(seen.moments))
     for line in range(len(seen.lines)):
         px, py, lx, ly = seen.lines[line, 0], seen.lines[line, 1], seen.lines[line, 2], seen.lines[line, 3]
         for o in range(seen.begins[line], seen.begins[line + 1]):
-            k, n = seen.seers[o], seen.moments[o, 0]
+            k, n = seen.observers[o], seen.moments[o, 0]
             dx, dy = poses[k, 0] + seen.moments[o, 1] / n - px, poses[k, 1] + seen.moments[o, 2] / n - py
             off = (lx * dy - ly * dx) / (width * deviation)
             weights[o] = 1.0 / (deviation * deviation * (1.0 + n / enough) * (1.0 + off * off))
@@ -207,9 +205,9 @@ def _weights(poses: FloatArray, seen: SeenLines, limits: tuple[float, float, flo
 
 @kernel
 def _eliminate(
-    seen: SeenLines, system: LineSystem, couplings: FloatArray, pulls: FloatArray, laser: LaserSystem
+    seen: ObservedLines, system: LineSystem, couplings: FloatArray, pulls: FloatArray, laser: LaserSystem
 ) -> None:
-    """Take from the equations what the lines, free to turn and to shift, make good by themselves."""
+    """Eliminate the rotations and translations of the lines from the equations of the laser."""
     sums = np.empty((NUMBERS, 2))
     for line in range(len(seen.lines)):
         iaa, iad, idd = system.inverses[line, 0], system.inverses[line, 1], system.inverses[line, 2]
@@ -228,4 +226,4 @@ def _eliminate(
             for o in range(seen.begins[line], seen.begins[line + 1]):
                 for axis in range(3):
                     taken = system.couplings[o, axis, 0] * line_turn + system.couplings[o, axis, 1] * line_shift
-                    laser.across[seen.seers[o], axis, j] -= taken
+                    laser.across[seen.observers[o], axis, j] -= taken

@@ -1,7 +1,7 @@
-"""Straight pieces of wall and the stretches of drives that saw them, adjusted to each other at once.
+"""Joint adjustment of wall lines and of the stretches of drives that observed them.
 
-A piece is a line of two unknowns that are eliminated at once (Schur complement), so that the system has the poses alone
-as unknowns. It is never written out: of each sighting of a line no more than its coupling with the pose is kept.
+The two unknowns of each line are eliminated (Schur complement), so only poses are left as unknowns. The matrix is never
+computed: for each sighting of a line only its coupling with the pose is stored.
 """
 
 import math
@@ -15,25 +15,25 @@ from tbmslam.kernels.adjustment.wall_pieces import Sightings
 
 @kernel
 def fit_lines(seen: Sightings, poses: FloatArray, enough: float, limits: FloatArray) -> FloatArray:
-    """Return the line of each piece (L, 5): its middle, direction and half its length [m]; zeros where it is none.
+    """Return the line (L, 5) of each piece: middle, direction and half length [m]; zeros if the piece is not a line.
 
     Parameters
     ----------
     seen
-        What the stretches saw of the pieces.
+        The sightings of the pieces.
     poses
         Poses (N, 3) of the stretches.
     enough
-        Hits of one sighting from which on more tell little more.
+        Number of hits of a sighting beyond which further hits add little weight.
     limits
-        Of a line: the least hits, the largest standard deviation across it and the least along it [m].
+        Least number of hits, largest standard deviation across the line, and least standard deviation along it [m].
     """
-    # Of each piece how many saw it, where the first one stood, and the weighed moments from there.
+    # For each piece: number of sightings, position of the first observer, and weighted moments relative to it.
     sums = np.zeros((seen.pieces_met, 9))
-    moments, seers, pieces = seen.moments, seen.seers, seen.pieces
+    moments, observers, pieces = seen.moments, seen.observers, seen.pieces
     for o in range(seen.size):
         piece, count, x, y = pieces[o], moments[o, 0], moments[o, 1], moments[o, 2]
-        place_x, place_y = poses[seers[o], 0], poses[seers[o], 1]
+        place_x, place_y = poses[observers[o], 0], poses[observers[o], 1]
         if sums[piece, 0] == 0.0:
             sums[piece, 1], sums[piece, 2] = place_x, place_y
         weight = 1.0 / (1.0 + count / enough)
@@ -48,7 +48,7 @@ def fit_lines(seen: Sightings, poses: FloatArray, enough: float, limits: FloatAr
     lines = np.zeros((seen.pieces_met, 5))
     for piece in range(len(lines)):
         saw, x0, y0, n = sums[piece, 0], sums[piece, 1], sums[piece, 2], sums[piece, 3]
-        if saw < 2.0 or n < limits[0]:  # one sighting tells nothing of the poses
+        if saw < 2.0 or n < limits[0]:  # a single sighting does not constrain the poses
             continue
         mx, my = sums[piece, 4] / n, sums[piece, 5] / n
         cxx, cxy, cyy = sums[piece, 6] / n - mx * mx, sums[piece, 7] / n - mx * my, sums[piece, 8] / n - my * my
@@ -59,14 +59,14 @@ def fit_lines(seen: Sightings, poses: FloatArray, enough: float, limits: FloatAr
         angle = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
         lines[piece, 0], lines[piece, 1] = x0 + mx, y0 + my
         lines[piece, 2], lines[piece, 3] = math.cos(angle), math.sin(angle)
-        lines[piece, 4] = math.sqrt(3.0 * along)  # as of hits that lie evenly
+        lines[piece, 4] = math.sqrt(3.0 * along)  # for evenly distributed hits
     return lines
 
 
 @kernel
 def line_equations(
     moments: FloatArray,
-    seers: IntArray,
+    observers: IntArray,
     begins: IntArray,
     lines: FloatArray,
     poses: FloatArray,
@@ -74,32 +74,32 @@ def line_equations(
     deviation: float,
     width: float,
 ) -> tuple[FloatArray, LineSystem, FloatArray]:
-    """Linearise the distances of all hits from their lines, the lines being free to turn and to shift.
+    """Linearise the distances of all hits from their lines, and eliminate the lines.
 
     Parameters
     ----------
-    moments, seers, begins
-        The sightings of one line after the other, as `wall_pieces.sort_sightings` returns them.
+    moments, observers, begins
+        The sightings, sorted by line, see `wall_pieces.sort_sightings`.
     lines
-        What `fit_lines` returns (L, 5); those without length say nothing.
+        Lines (L, 5), see `fit_lines`; lines without length are ignored.
     poses
-        Poses (N, 3) of the stretches; small changes of theirs are dx, dy in the map's frame and dtheta about their own
-        place.
+        Poses (N, 3) of the stretches. A small change of a pose is dx, dy in the map's frame and dtheta about its
+        position.
     enough
-        Hits of one sighting from which on more tell little more.
+        Number of hits of a sighting beyond which further hits add little weight.
     deviation
-        Of a hit from its line [m].
+        Standard deviation of a hit from its line [m].
     width
-        Deviations of a sighting's mean at which it begins to lose its say (Cauchy).
+        Width of the Cauchy loss of a sighting's mean [standard deviations].
 
     Returns
     -------
     blocks
         Curvature (N, 3, 3) with all lines fixed.
     system
-        What eliminating the lines takes from it.
+        The curvature that the elimination of the lines removes.
     gradient
-        (N, 3), the lines eliminated.
+        Gradient (N, 3) after the elimination.
     """
     blocks, gradient = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
     couplings, inverses = np.zeros((len(moments), 3, 2)), np.zeros((len(lines), 3))
@@ -110,12 +110,13 @@ def line_equations(
         nx, ny = -ly, lx
         caa, cad, cdd, ga, gd = 1e-6, 0.0, 1e-6, 0.0, 0.0
         for o in range(begins[piece], begins[piece + 1]):
-            k = seers[o]
+            k = observers[o]
             n, x, y = moments[o, 0], moments[o, 1], moments[o, 2]
             xx, xy, yy = moments[o, 3], moments[o, 4], moments[o, 5]
             dx, dy = poses[k, 0] - px, poses[k, 1] - py
             across, along = nx * dx + ny * dy, lx * dx + ly * dy
-            # Sums over the hits of the distance e from the line, of the place a along it, and of the lever t of a turn.
+            # Sums over the hits of the distance e from the line, the position a along it, and the lever t of a
+            # rotation.
             sn, sl, st = nx * x + ny * y, lx * x + ly * y, ny * x - nx * y
             nl = nx * lx * xx + (nx * ly + ny * lx) * xy + ny * ly * yy
             ll = lx * lx * xx + 2.0 * lx * ly * xy + ly * ly * yy
@@ -153,7 +154,7 @@ def line_equations(
         turn, shift = iaa * ga + iad * gd, iad * ga + idd * gd
         for o in range(begins[piece], begins[piece + 1]):
             for axis in range(3):
-                gradient[seers[o], axis] -= couplings[o, axis, 0] * turn + couplings[o, axis, 1] * shift
+                gradient[observers[o], axis] -= couplings[o, axis, 0] * turn + couplings[o, axis, 1] * shift
     for k in range(len(poses)):
         blocks[k, 1, 0], blocks[k, 2, 0], blocks[k, 2, 1] = blocks[k, 0, 1], blocks[k, 0, 2], blocks[k, 1, 2]
-    return blocks, LineSystem(couplings, inverses, seers, begins), gradient
+    return blocks, LineSystem(couplings, inverses, observers, begins), gradient

@@ -1,4 +1,4 @@
-"""Measured motions between points of view that hang on poses, as equations of small changes of the poses."""
+"""Measured motions between sensor poses, as equations of small changes of the poses that carry the sensors."""
 
 import math
 from typing import NamedTuple
@@ -10,34 +10,34 @@ from tbmslam.kernels.adjustment.pose_systems import MotionSystem, add_between
 
 
 class Motions(NamedTuple):
-    """Measured motions, as arrays."""
+    """Measured motions."""
 
     ends: IntArray
-    """The poses (E, 2) that the motions' sources and targets hang on."""
+    """Indices (E, 2) of the poses that carry the source and the target of each motion."""
     levers: FloatArray
-    """Where on them, (E, 2, 3): the point of view in the frame of its pose."""
+    """The source and the target (E, 2, 3) in the frames of these poses."""
     measured: FloatArray
     """The motions (E, 3)."""
     informations: FloatArray
-    """Inverse covariances (E, 3, 3) of an error in the target's frame."""
+    """Inverse covariances (E, 3, 3) of the errors in the target's frame."""
     widths: FloatArray
-    """Standard deviations (E,) at which each begins to lose its say (Cauchy), inf for never."""
+    """Width (E,) of the Cauchy loss of each motion [standard deviations]; inf for least squares."""
 
 
 @kernel
 def motion_equations(motions: Motions, poses: FloatArray) -> tuple[FloatArray, MotionSystem, FloatArray]:
     """Linearise motions at poses (N, 3).
 
-    Changes of a pose are dx, dy in the map's frame and dtheta about its own place.
+    A change of a pose is dx, dy in the map's frame and dtheta about its position.
 
     Returns
     -------
     own
-        Curvature (N, 3, 3) of each pose by itself.
+        Diagonal blocks (N, 3, 3) of the curvature.
     system
-        Curvature of one pose by another.
+        Other blocks of the curvature.
     gradient
-        (N, 3) of half the squared deviations.
+        Gradient (N, 3) of half the squared deviations.
     """
     own, gradient = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
     across = np.zeros((len(motions.ends), 3, 3))
@@ -75,12 +75,12 @@ def _linearise(
     error: FloatArray,
     slopes: FloatArray,
 ) -> None:
-    """Write the error (3,) of a motion, in its target's frame as measured, and its slopes (2, 3, 3) by both poses."""
+    """Write the error (3,) of a motion, in the measured target's frame, and its Jacobians (2, 3, 3) by both poses."""
     c, s = math.cos(source[2]), math.sin(source[2])
     arm_x, arm_y = c * levers[0, 0] - s * levers[0, 1], s * levers[0, 0] + c * levers[0, 1]
     c, s = math.cos(target[2]), math.sin(target[2])
     end_x, end_y = c * levers[1, 0] - s * levers[1, 1], s * levers[1, 0] + c * levers[1, 1]
-    # From where the source stands to the target's point of view, and the way from its own point of view.
+    # Vectors from the source's pose and from its sensor to the target's sensor.
     far_x, far_y = target[0] + end_x - source[0], target[1] + end_y - source[1]
     way_x, way_y = far_x - arm_x, far_y - arm_y
     heading = source[2] + levers[0, 2]
@@ -90,7 +90,7 @@ def _linearise(
     error[0] = c * way_x + s * way_y - (mc * measured[0] + ms * measured[1])
     error[1] = c * way_y - s * way_x - (mc * measured[1] - ms * measured[0])
     error[2] = (turn + math.pi) % (2.0 * math.pi) - math.pi
-    # The source's turn moves its own point of view and swings what it sees.
+    # A rotation of the source moves its sensor and rotates the measured motion.
     for end, x, y, sign in ((0, far_x, far_y, -1.0), (1, end_x, end_y, 1.0)):
         slopes[end, 0, 0], slopes[end, 0, 1], slopes[end, 0, 2] = sign * c, sign * s, sign * (s * x - c * y)
         slopes[end, 1, 0], slopes[end, 1, 1], slopes[end, 1, 2] = -sign * s, sign * c, sign * (c * x + s * y)

@@ -1,4 +1,4 @@
-"""The equations of an adjustment of poses, in 3 by 3 blocks."""
+"""The normal equations of an adjustment of poses, in blocks of 3 by 3."""
 
 from typing import NamedTuple
 
@@ -8,16 +8,16 @@ from tbmslam.kernels import FloatArray, IntArray, kernel
 
 
 class LineSystem(NamedTuple):
-    """Lines that poses saw, each of two unknowns that are eliminated."""
+    """Observed lines, each with two unknowns that are eliminated."""
 
     couplings: FloatArray
-    """Of each sighting's pose with its line (O, 3, 2)."""
+    """Mixed curvature (O, 3, 2) of the pose and the line of each sighting."""
     inverses: FloatArray
-    """Inverse curvatures (L, 3) of the lines: aa, ad, dd; zeros for what says nothing."""
-    seers: IntArray
+    """Inverse curvatures (L, 3) of the lines: aa, ad, dd; zeros for ignored lines."""
+    observers: IntArray
     """The pose (O,) of each sighting."""
     begins: IntArray
-    """Where the sightings of each line begin, and where the last ones end (L + 1,)."""
+    """First index of the sightings of each line, and the end of the last line (L + 1,)."""
 
 
 class MotionSystem(NamedTuple):
@@ -26,21 +26,21 @@ class MotionSystem(NamedTuple):
     ends: IntArray
     """Source and target (E, 2)."""
     across: FloatArray
-    """Curvature (E, 3, 3) of the source's by the target's changes; zeros where both are one."""
+    """Mixed curvature (E, 3, 3) of source and target; zeros if they are the same pose."""
 
 
 class PoseSystem(NamedTuple):
-    """All of them; small changes of a pose are dx, dy in the map's frame and dtheta about its own place."""
+    """The normal equations; a small change of a pose is dx, dy in the map's frame and dtheta about its position."""
 
     own: FloatArray
-    """Curvature (N, 3, 3) of each pose by itself, with all lines fixed."""
+    """Diagonal blocks (N, 3, 3) of the curvature, with all lines fixed."""
     lines: LineSystem
     motions: MotionSystem
 
 
 @kernel
 def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
-    """Return the curvature, the lines eliminated, times changes (N, 3) of the poses."""
+    """Return the curvature after the elimination of the lines, times changes (N, 3) of the poses."""
     own, lines, motions = system
     product = np.empty_like(changes)
     for k in range(len(changes)):
@@ -54,19 +54,19 @@ def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
         if inverses[line, 2] == 0.0:
             continue
         turn, shift = 0.0, 0.0
-        # Negative indices count from the end. Unsigned ones need no check for that.
+        # Unsigned indices need no check for negative values.
         first, stop = np.uint64(begins[line]), np.uint64(begins[line + 1])
         for o in range(first, stop):
-            seer = np.uint64(seers[o])
-            x, y, theta = changes[seer, 0], changes[seer, 1], changes[seer, 2]
+            observer = np.uint64(observers[o])
+            x, y, theta = changes[observer, 0], changes[observer, 1], changes[observer, 2]
             turn += couplings[o, 0, 0] * x + couplings[o, 1, 0] * y + couplings[o, 2, 0] * theta
             shift += couplings[o, 0, 1] * x + couplings[o, 1, 1] * y + couplings[o, 2, 1] * theta
         line_turn = inverses[line, 0] * turn + inverses[line, 1] * shift
         line_shift = inverses[line, 1] * turn + inverses[line, 2] * shift
         for o in range(first, stop):
-            seer = np.uint64(seers[o])
+            observer = np.uint64(observers[o])
             for i in range(3):
-                product[seer, i] -= couplings[o, i, 0] * line_turn + couplings[o, i, 1] * line_shift
+                product[observer, i] -= couplings[o, i, 0] * line_turn + couplings[o, i, 1] * line_shift
     return product
 
 
@@ -94,7 +94,7 @@ def _add_motion(across: FloatArray, source: int, target: int, changes: FloatArra
 
 @kernel
 def add_between(result: FloatArray, left: FloatArray, middle: FloatArray, right: FloatArray, weight: float) -> None:
-    """Add left^T middle right times a weight to a result, (3, 3) each."""
+    """Add weight * left^T middle right to a result; all are (3, 3)."""
     for a in range(3):
         for j in range(3):
             inner = weight * (middle[a, 0] * right[0, j] + middle[a, 1] * right[1, j] + middle[a, 2] * right[2, j])
@@ -104,14 +104,14 @@ def add_between(result: FloatArray, left: FloatArray, middle: FloatArray, right:
 
 @kernel
 def eliminated(lines: LineSystem, count: int) -> FloatArray:
-    """Return what eliminating the lines takes from the curvature of each pose by itself (N, 3, 3)."""
+    """Return the part of the diagonal blocks (N, 3, 3) that the elimination of the lines removes."""
     taken = np.zeros((count, 3, 3))
     for line in range(len(lines.inverses)):
         iaa, iad, idd = lines.inverses[line, 0], lines.inverses[line, 1], lines.inverses[line, 2]
         if idd == 0.0:
             continue
         for o in range(lines.begins[line], lines.begins[line + 1]):
-            b, block = lines.couplings[o], taken[lines.seers[o]]
+            b, block = lines.couplings[o], taken[lines.observers[o]]
             for i in range(3):
                 turn, shift = b[i, 0] * iaa + b[i, 1] * iad, b[i, 0] * iad + b[i, 1] * idd
                 for j in range(3):

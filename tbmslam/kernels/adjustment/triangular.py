@@ -1,6 +1,6 @@
-"""Symmetric positive definite equations of a few hundred unknowns.
+"""Solution of symmetric positive definite equations with a few hundred unknowns.
 
-Libraries add up in an order that depends on the machine and its threads; these add up in one.
+Libraries sum in an order that depends on the machine and its threads. Here the order is fixed.
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ def factorise(matrix: FloatArray) -> FloatArray:
 
 @kernel
 def solve(factor: FloatArray, vector: FloatArray) -> None:
-    """Replace a vector (M,) by the solution of the equations factorised."""
+    """Replace the right-hand side (M,) by the solution of the factorised equations."""
     size = len(vector)
     for k in range(size):
         ratio = vector[k] / factor[k, k]

@@ -1,8 +1,8 @@
-"""Conjugate gradients for the equations of an adjustment, and what solves most of them at once.
+"""Conjugate gradients with a two-level preconditioner for the equations of an adjustment.
 
-Conjugate gradients find what concerns neighbouring poses in a few steps, and need very many for what bends a whole
-drive. So a step is made of two parts that are solved exactly each: the blocks of each pose and the next, and bends of
-the drives by few knots (additive two-level preconditioning: Toselli and Widlund, "Domain decomposition methods", 2005).
+Conjugate gradients need few steps for local changes, but many for changes that bend a whole drive. The preconditioner
+therefore adds the exact solutions of two systems: the blocks of consecutive poses, and a coarse space of few knots
+along the drives (additive two-level preconditioning: Toselli and Widlund, "Domain decomposition methods", 2005).
 """
 
 from typing import NamedTuple
@@ -14,34 +14,34 @@ from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem, add_
 from tbmslam.kernels.adjustment.triangular import factorise, solve
 
 
-class Bends(NamedTuple):
-    """Changes of poses that follow those of few knots along the drives."""
+class CoarseSpace(NamedTuple):
+    """The coarse space: changes of poses that are interpolated between few knots along the drives."""
 
     knots: IntArray
     """The poses (K,) that are knots."""
     sides: IntArray
     """The knots (N, 2) before and after each pose."""
     shares: FloatArray
-    """How far it follows each (N, 2)."""
+    """The weights (N, 2) of these knots."""
 
 
-class Factors(NamedTuple):
-    """What solves the two parts of a step."""
+class Preconditioner(NamedTuple):
+    """The factorised systems of both levels."""
 
     inverses: FloatArray
-    """Of the blocks (N, 3, 3) of each pose once those before are eliminated."""
+    """Inverse blocks (N, 3, 3) of each pose after the elimination of the poses before it."""
     nexts: FloatArray
-    """Curvature (N, 3, 3) of each pose's by the next one's changes."""
+    """Mixed curvature (N, 3, 3) of each pose and the next."""
     levers: FloatArray
-    """How far each pose (N, 2, 2) is from the knots before and after it, x and y [m]."""
-    bent: FloatArray
+    """Vector (N, 2, 2) from the knots before and after each pose to the pose [m]."""
+    matrix: FloatArray
     """Upper triangular factor (3 K, 3 K) of the curvature of the knots, see `factorise`."""
 
 
 @kernel
-def factors_of(system: PoseSystem, poses: FloatArray, bends: Bends) -> Factors:
-    """Return what solves the two parts of a step at poses (N, 3)."""
-    # Element by element, as whole rows take seconds to compile.
+def preconditioner_of(system: PoseSystem, poses: FloatArray, coarse: CoarseSpace) -> Preconditioner:
+    """Return the preconditioner at poses (N, 3)."""
+    # Element by element, since assigning whole rows takes seconds to compile.
     alone = eliminated(system.lines, len(poses))
     nexts = np.zeros_like(alone)
     for e in range(len(system.motions.ends)):
@@ -61,28 +61,28 @@ def factors_of(system: PoseSystem, poses: FloatArray, bends: Bends) -> Factors:
             add_between(alone[k], nexts[k - 1], inverses[k - 1], nexts[k - 1], -1.0)
         _invert(alone[k], inverses[k])
         for side in range(2):
-            knot = bends.knots[bends.sides[k, side]]
+            knot = coarse.knots[coarse.sides[k, side]]
             levers[k, side, 0], levers[k, side, 1] = poses[k, 0] - poses[knot, 0], poses[k, 1] - poses[knot, 1]
-    return Factors(inverses, nexts, levers, factorise(_bent(system, bends, levers)))
+    return Preconditioner(inverses, nexts, levers, factorise(_coarse_curvature(system, coarse, levers)))
 
 
 @kernel
-def precondition(factors: Factors, bends: Bends, forces: FloatArray) -> FloatArray:
-    """Return changes (N, 3) of poses that come near to those which the curvature takes to forces (N, 3)."""
+def precondition(factors: Preconditioner, coarse: CoarseSpace, forces: FloatArray) -> FloatArray:
+    """Return approximate changes (N, 3) of the poses for a right-hand side (N, 3)."""
     changes = np.empty_like(forces)
     _solve_chain(factors, forces, changes)
-    knots = np.zeros(3 * len(bends.knots))
+    knots = np.zeros(3 * len(coarse.knots))
     for k in range(len(forces)):
         for side in range(2):
-            share, at = bends.shares[k, side], 3 * bends.sides[k, side]
+            share, at = coarse.shares[k, side], 3 * coarse.sides[k, side]
             dx, dy = factors.levers[k, side, 0], factors.levers[k, side, 1]
             knots[at] += share * forces[k, 0]
             knots[at + 1] += share * forces[k, 1]
             knots[at + 2] += share * (forces[k, 2] + dx * forces[k, 1] - dy * forces[k, 0])
-    solve(factors.bent, knots)
+    solve(factors.matrix, knots)
     for k in range(len(forces)):
         for side in range(2):
-            share, at = bends.shares[k, side], 3 * bends.sides[k, side]
+            share, at = coarse.shares[k, side], 3 * coarse.sides[k, side]
             dx, dy = factors.levers[k, side, 0], factors.levers[k, side, 1]
             changes[k, 0] += share * (knots[at] - dy * knots[at + 2])
             changes[k, 1] += share * (knots[at + 1] + dx * knots[at + 2])
@@ -91,17 +91,22 @@ def precondition(factors: Factors, bends: Bends, forces: FloatArray) -> FloatArr
 
 
 @kernel
-def solved(
-    system: PoseSystem, factors: Factors, bends: Bends, gradient: FloatArray, precision: float, most_steps: int
+def conjugate_gradients(
+    system: PoseSystem,
+    factors: Preconditioner,
+    coarse: CoarseSpace,
+    gradient: FloatArray,
+    precision: float,
+    most_steps: int,
 ) -> FloatArray:
-    """Return the changes (N, 3) of the poses whose curvature product is a gradient (N, 3).
+    """Return the changes (N, 3) of the poses for a right-hand side (N, 3).
 
     Preconditioned conjugate gradients (Saad, "Iterative methods for sparse linear systems", 2003, algorithm 9.1).
 
     Parameters
     ----------
     precision
-        Share of the gradient's length that may be left unsolved.
+        Largest ratio of the norms of the residual and of the right-hand side.
     """
     changes, left = np.zeros_like(gradient), gradient.copy()
     enough = precision**2 * _product(gradient, gradient)
@@ -110,7 +115,7 @@ def solved(
     for _ in range(most_steps):
         if _product(left, left) <= enough:
             break
-        near = precondition(factors, bends, left)
+        near = precondition(factors, coarse, left)
         now = _product(left, near)
         turn = now / before if before > 0.0 else 0.0
         for k in range(len(near)):
@@ -136,8 +141,8 @@ def _product(one: FloatArray, other: FloatArray) -> float:
 
 
 @kernel
-def _solve_chain(factors: Factors, forces: FloatArray, changes: FloatArray) -> None:
-    """Write changes (N, 3) to which the blocks of each pose and the next lead under forces (N, 3)."""
+def _solve_chain(factors: Preconditioner, forces: FloatArray, changes: FloatArray) -> None:
+    """Write the solution (N, 3) of the blocks of consecutive poses for a right-hand side (N, 3)."""
     x, y, theta = 0.0, 0.0, 0.0
     for k in range(len(forces)):
         a, b, c = forces[k, 0], forces[k, 1], forces[k, 2]
@@ -163,36 +168,36 @@ def _solve_chain(factors: Factors, forces: FloatArray, changes: FloatArray) -> N
 
 
 @kernel
-def _bent(system: PoseSystem, bends: Bends, levers: FloatArray) -> FloatArray:
-    """Return the curvature (3 K, 3 K) of the knots, its upper triangle at least."""
-    count = len(bends.knots)
-    bent, turned = np.zeros((3 * count, 3 * count)), np.empty((3, 3))
+def _coarse_curvature(system: PoseSystem, coarse: CoarseSpace, levers: FloatArray) -> FloatArray:
+    """Return the upper triangle of the curvature (3 K, 3 K) of the knots."""
+    count = len(coarse.knots)
+    matrix, turned = np.zeros((3 * count, 3 * count)), np.empty((3, 3))
     for k in range(len(system.own)):
-        _add_bent(bent, bends, levers, k, k, system.own[k])
+        _add_coarse_block(matrix, coarse, levers, k, k, system.own[k])
     for e in range(len(system.motions.ends)):
         source, target = system.motions.ends[e, 0], system.motions.ends[e, 1]
-        _add_bent(bent, bends, levers, source, target, system.motions.across[e])
+        _add_coarse_block(matrix, coarse, levers, source, target, system.motions.across[e])
         for i in range(3):
             for j in range(3):
                 turned[i, j] = system.motions.across[e, j, i]
-        _add_bent(bent, bends, levers, target, source, turned)
-    _eliminate_lines(bent, system.lines, bends, levers)
-    return bent
+        _add_coarse_block(matrix, coarse, levers, target, source, turned)
+    _eliminate_lines(matrix, system.lines, coarse, levers)
+    return matrix
 
 
 @kernel
-def _eliminate_lines(bent: FloatArray, lines: LineSystem, bends: Bends, levers: FloatArray) -> None:
-    """Take what eliminating the lines takes from the curvature of the knots."""
-    count = len(bends.knots)
+def _eliminate_lines(matrix: FloatArray, lines: LineSystem, coarse: CoarseSpace, levers: FloatArray) -> None:
+    """Eliminate the lines from the curvature of the knots."""
+    count = len(coarse.knots)
     couplings, met, is_met = np.zeros((count, 6)), np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
-    by_pose, inverses, seers, begins = lines
-    sides, shares = bends.sides, bends.shares
+    by_pose, inverses, observers, begins = lines
+    sides, shares = coarse.sides, coarse.shares
     for line in range(len(inverses)):
         if inverses[line, 2] == 0.0:
             continue
         touched = 0
         for o in range(begins[line], begins[line + 1]):
-            k = seers[o]
+            k = observers[o]
             a, b, c, d = by_pose[o, 0, 0], by_pose[o, 0, 1], by_pose[o, 1, 0], by_pose[o, 1, 1]
             for side in range(2):
                 knot, share, dx, dy = sides[k, side], shares[k, side], levers[k, side, 0], levers[k, side, 1]
@@ -205,7 +210,7 @@ def _eliminate_lines(bent: FloatArray, lines: LineSystem, bends: Bends, levers: 
                 couplings[knot, 3] += share * d
                 couplings[knot, 4] += share * (by_pose[o, 2, 0] + dx * c - dy * a)
                 couplings[knot, 5] += share * (by_pose[o, 2, 1] + dx * d - dy * b)
-        _eliminate(bent, couplings, met[:touched], (inverses[line, 0], inverses[line, 1], inverses[line, 2]))
+        _eliminate(matrix, couplings, met[:touched], (inverses[line, 0], inverses[line, 1], inverses[line, 2]))
         for knot in met[:touched]:
             is_met[knot] = False
             for i in range(6):
@@ -213,8 +218,8 @@ def _eliminate_lines(bent: FloatArray, lines: LineSystem, bends: Bends, levers: 
 
 
 @kernel
-def _eliminate(bent: FloatArray, couplings: FloatArray, knots: IntArray, inverse: tuple[float, float, float]) -> None:
-    """Take what eliminating one line takes from the curvature of some knots, all (K, 6) coupled with it, row by row."""
+def _eliminate(matrix: FloatArray, couplings: FloatArray, knots: IntArray, inverse: tuple[float, float, float]) -> None:
+    """Eliminate one line from the curvature of the knots (K,) that are coupled with it by `couplings` (K, 6)."""
     iaa, iad, idd = inverse
     for one in knots:
         for i in range(3):
@@ -222,30 +227,32 @@ def _eliminate(bent: FloatArray, couplings: FloatArray, knots: IntArray, inverse
             turn, shift = a * iaa + d * iad, a * iad + d * idd
             for other in knots:
                 for j in range(3 if other >= one else 0):
-                    bent[row, 3 * other + j] -= turn * couplings[other, 2 * j] + shift * couplings[other, 2 * j + 1]
+                    matrix[row, 3 * other + j] -= turn * couplings[other, 2 * j] + shift * couplings[other, 2 * j + 1]
 
 
 @kernel
-def _add_bent(bent: FloatArray, bends: Bends, levers: FloatArray, one: int, other: int, block: FloatArray) -> None:
-    """Add a block (3, 3) of two poses to the upper triangle of those of their knots."""
+def _add_coarse_block(
+    matrix: FloatArray, coarse: CoarseSpace, levers: FloatArray, one: int, other: int, block: FloatArray
+) -> None:
+    """Add a block (3, 3) of two poses to the upper triangle of the curvature of their knots."""
     for side in range(2):
-        share, row = bends.shares[one, side], 3 * bends.sides[one, side]
+        share, row = coarse.shares[one, side], 3 * coarse.sides[one, side]
         dx, dy = levers[one, side, 0], levers[one, side, 1]
         for end in range(2):
-            weight, col = bends.shares[other, end], 3 * bends.sides[other, end]
+            weight, col = coarse.shares[other, end], 3 * coarse.sides[other, end]
             ex, ey = levers[other, end, 0], levers[other, end, 1]
             if col < row:
                 continue
             for j in range(3):
-                # The column of a turn swings the pose about its knot.
+                # The column of the rotation moves the pose about its knot.
                 a, b, c = block[0, j], block[1, j], block[2, j]
                 if j == 2:
                     a += ex * block[0, 1] - ey * block[0, 0]
                     b += ex * block[1, 1] - ey * block[1, 0]
                     c += ex * block[2, 1] - ey * block[2, 0]
-                bent[row, col + j] += share * weight * a
-                bent[row + 1, col + j] += share * weight * b
-                bent[row + 2, col + j] += share * weight * (c + dx * b - dy * a)
+                matrix[row, col + j] += share * weight * a
+                matrix[row + 1, col + j] += share * weight * b
+                matrix[row + 2, col + j] += share * weight * (c + dx * b - dy * a)
 
 
 @kernel

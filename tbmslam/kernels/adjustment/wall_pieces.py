@@ -1,7 +1,7 @@
-"""Hits of whole drives sorted into pieces of wall.
+"""Grouping of the hits of whole drives into pieces of wall.
 
-A piece is what hits met in one cell with normals in one direction. Of the hits of one stretch of a drive on a piece, a
-sighting, nothing but their moments is needed.
+A piece contains the hits in one cell with similar normals. A sighting contains the hits of one stretch of a drive on a
+piece; only their moments are stored.
 """
 
 import math
@@ -14,47 +14,47 @@ from tbmslam.kernels import FloatArray, IntArray, kernel
 
 _NOBODY = np.iinfo(np.int64).min
 _FEWEST = 1024
-"""Places of a table that is not known to need more."""
+"""Initial size of a hash table."""
 
 
 class StretchHits(NamedTuple):
-    """Hits of drives in the frames of the stretches that saw them, to a micrometre, one stretch after the other."""
+    """Hits of drives in the frames of their stretches, in single precision, sorted by stretch."""
 
     walls: npt.NDArray[np.float32]
-    """Those whose normals are known (W, 3): x, y [m], and where the normal points [rad]."""
+    """Hits with known normals (W, 3): x, y [m], and direction of the normal [rad]."""
     wall_begins: IntArray
-    """Where those of each stretch begin, and where the last ones end (N + 1,)."""
+    """First index of each stretch, and the end of the last stretch (N + 1,)."""
     loose: npt.NDArray[np.float32]
-    """The others (M, 2): x, y [m]."""
+    """The other hits (M, 2): x, y [m]."""
     loose_begins: IntArray
     """As `wall_begins`."""
 
 
 class Raster(NamedTuple):
-    """What makes a piece."""
+    """The cells and directions of pieces."""
 
     cell: float
     """Side of a cell [m]."""
     shift: float
-    """Where the cells begin [m]."""
+    """Offset of the cells in x and in y [m]."""
     sectors: int
-    """Directions that are told apart."""
+    """Number of directions."""
 
 
 class Pieces(NamedTuple):
-    """The pieces of wall that there are, by cell and direction."""
+    """Index of the pieces of wall by cell and direction."""
 
     cells: IntArray
-    """Open hash table (T, 2) of a power of two of places: the key of a cell, and its number."""
+    """Open hash table (T, 2) whose size is a power of two: the key and the number of each cell."""
     numbers: IntArray
-    """Piece by its cell's number times the sectors, plus the direction; -1 where there is none."""
+    """The piece at index (number of the cell * sectors + direction); -1 for none."""
 
 
 class Sightings(NamedTuple):
-    """What stretches saw of pieces, in arrays with room for more."""
+    """Sightings of pieces, in arrays with capacity for more."""
 
     size: int
-    """How many there are."""
+    """Number of sightings."""
     pieces_met: int
     """Of how many pieces."""
     moments: FloatArray
@@ -62,7 +62,7 @@ class Sightings(NamedTuple):
     seers: IntArray
     """Its stretch (O,)."""
     pieces: IntArray
-    """Its piece (O,)."""
+    """The piece (O,) of each sighting."""
 
 
 @kernel
@@ -74,26 +74,27 @@ def gather_hits(
     every: int,
     limits: tuple[float, float, float],
 ) -> tuple[StretchHits, npt.NDArray[np.float32]]:
-    """Return every so manieth hit of each scan, in the frame of the stretch that the scan belongs to, by scans.
+    """Return every n-th hit of each scan in the frame of the scan's stretch, sorted by scan.
 
-    Where the walls' normals point is left to NumPy, which takes a twentieth of the time for many: their cosines are in
-    the place of the directions, and their sines (W,) come beside them.
+    The cosines of the normals stand for their directions, and the sines (W,) are returned too: NumPy computes many
+    angles in a twentieth of the time.
 
-    A normal is known where neighbours lie near and on one line with the hit. At a door frame they lie on walls at
-    different depths: the slanted wall between them is none, and would move along with the robot.
+    A normal is known if the neighbours of a hit are near and on one line with it. At a door frame they lie on walls of
+    different depth, and the apparent wall between them would move with the robot.
 
     Parameters
     ----------
     points, normals
-        Hits and normals (P, 2) in the sensors' frames.
+        Hits and normals (P, 2) in the frames of the sensors.
     offsets
-        Where each scan begins among them, and where the last one ends (K + 1,).
+        First index of each scan, and the end of the last scan (K + 1,).
     places
-        Poses (K, 3) of the sensors in the stretches' frames.
+        Poses (K, 3) of the sensors in the frames of the stretches.
     every
-        One takes all.
+        The n of every n-th hit.
     limits
-        How far a hit may be, how far apart its neighbours, and how far it from the line between them [m].
+        Largest range of a hit, largest distance between its neighbours, and largest distance from the line between them
+        [m].
     """
     size = 0
     for k in range(len(places)):
@@ -128,18 +129,18 @@ def gather_hits(
 
 @kernel
 def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) -> tuple[Sightings, Pieces]:
-    """Sort hits whose normals are known into pieces, numbered as they are met.
+    """Group hits with known normals into pieces, numbered in the order of their first hits.
 
     Parameters
     ----------
     hits
         Hits of stretches.
     every
-        Every so manieth of a stretch is used.
+        Only every n-th hit of a stretch is used.
     poses
         Poses (N, 3) of the stretches, headings in [-pi, pi].
     raster
-        What makes a piece.
+        The cells and directions of pieces.
     """
     walls, begins, sectors = hits.walls, hits.wall_begins, raster.sectors
     size = (begins[-1] + hits.loose_begins[-1]) // every + 2 * len(poses)  # the rest of each stretch is rounded up
@@ -178,7 +179,7 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
 
 @kernel
 def piece_met(known: Pieces, raster: Raster, x: float, y: float, facing: float) -> int:
-    """Return the piece that a hit in the map with a normal at an angle in [-2 pi, 2 pi] belongs to, -1 for none."""
+    """Return the piece of a hit in the map with a normal at an angle in [-2 pi, 2 pi]; -1 for none."""
     place = _place_of(known.cells, _key_of(x - raster.shift, y - raster.shift, 1.0 / raster.cell))
     if known.cells[place, 0] == _NOBODY:
         return -1
@@ -189,7 +190,7 @@ def piece_met(known: Pieces, raster: Raster, x: float, y: float, facing: float) 
 def lines_by_cell(known: Pieces, lines: FloatArray, sectors: int) -> tuple[IntArray, IntArray]:
     """Return where the lines of each cell begin and end (C + 1,), and the pieces whose lines they are.
 
-    Lines (L, 5), see `line_adjustment.fit_lines`, are turned so that their pieces face their left.
+    This reverses the directions of lines (L, 5), see `line_adjustment.fit_lines`, so that their pieces face left.
     """
     begins, members = np.zeros(len(known.numbers) // sectors + 1, dtype=np.int64), np.empty(len(lines), dtype=np.int64)
     count = 0
@@ -216,20 +217,20 @@ def join_walls(
     lines: FloatArray,
     reach: float,
 ) -> Sightings:
-    """Add to sightings the hits without normal that lie on the only line of their cell they can have met.
+    """Add each hit without normal to a sighting if it can lie on exactly one line of its cell.
 
-    It faces who saw them, and they lie beside what is known of it: a line goes on where its wall may have ended.
+    That line must face the observer, and the hit must lie within the known length of the line.
 
     Parameters
     ----------
     hits, every, poses, raster
         As of `see_walls`.
     seen, known
-        What it returned.
+        The result of `see_walls`.
     lines
-        Those of the pieces (L, 5), see `lines_by_cell`.
+        The lines (L, 5) of the pieces, see `lines_by_cell`.
     reach
-        How far a hit may lie from a line [m].
+        Largest distance of a hit from a line [m].
     """
     loose, begins = hits.loose, hits.loose_begins
     count, pieces_met, moments, seers, pieces = seen
@@ -238,7 +239,7 @@ def join_walls(
     placed, keys = np.empty((2, _most(begins))), np.empty(_most(begins), dtype=np.int64)
     had, own = count, 0
     for k in range(len(poses)):
-        while own < had and seers[own] == k:
+        while own < had and observers[own] == k:
             latest[pieces[own]] = own
             own += 1
         used = _place_hits(loose, begins[k], begins[k + 1], every, poses[k], raster, placed, keys)
@@ -259,21 +260,21 @@ def join_walls(
                 _begin_sighting(moments, seers, pieces, o, k, piece)
                 count += 1
             _add_hit(moments, o, x, y)
-    return Sightings(count, pieces_met, moments, seers, pieces)
+    return Sightings(count, pieces_met, moments, observers, pieces)
 
 
 @kernel
 def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[FloatArray, IntArray, IntArray]:
-    """Return moments (O, 6) and seers (O,) of sightings of one piece after the other, and where each's begin.
+    """Return moments (O, 6) and observers (O,) of sightings, sorted by piece, and the first index of each piece.
 
     Parameters
     ----------
     seen
         The sightings.
     numbers
-        New numbers of the pieces; those below 0 are left out.
+        New numbers of the pieces; pieces with negative numbers are left out.
     count
-        How many new numbers there are, L. The begins are (L + 1,): the last one is where the last ones end.
+        Number L of new numbers. The first indices (L + 1,) include the end of the last piece.
     """
     begins = np.zeros(count + 1, dtype=np.int64)
     for o in range(seen.size):
@@ -285,16 +286,16 @@ def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[Floa
     for number in range(count):
         begins[number + 1] += begins[number]
         places[number + 1] = begins[number + 1]
-    moments, seers = np.empty((begins[-1], 6)), np.empty(begins[-1], dtype=np.int64)
+    moments, observers = np.empty((begins[-1], 6)), np.empty(begins[-1], dtype=np.int64)
     for o in range(seen.size):
         number = numbers[seen.pieces[o]]
         if number >= 0:
             place = places[number]
             for i in range(6):
                 moments[place, i] = seen.moments[o, i]
-            seers[place] = seen.seers[o]
+            observers[place] = seen.observers[o]
             places[number] += 1
-    return moments, seers, begins
+    return moments, observers, begins
 
 
 @kernel
@@ -351,7 +352,7 @@ def _add_hit(moments: FloatArray, number: int, x: float, y: float) -> None:
 
 @kernel
 def _key_of(x: float, y: float, per_cell: float) -> int:
-    """Return the key of the cell that a place [m] from where the cells begin lies in."""
+    """Return the key of the cell of a point relative to the offset of the cells [m]."""
     return (math.floor(y * per_cell) << 32) + math.floor(x * per_cell)
 
 
@@ -367,7 +368,7 @@ def _sector_of(angle: float, sectors: int) -> int:
 def _place_of(cells: IntArray, key: int) -> np.uint64:
     """Return the place of a key in a hash table, or the free one where it belongs."""
     mask = len(cells) - 1
-    # Both halves times primes (M. Teschner et al., 2003), small enough that nothing overflows, compiled or not.
+    # Multiplies both halves by primes (M. Teschner et al., 2003) that are small enough to avoid overflow.
     mixed = ((key >> 32) * 73856093) ^ ((key & 0xFFFFFFFF) * 19349663)
     place = np.uint64((mixed ^ (mixed >> 29)) & mask)
     while cells[place, 0] != _NOBODY and cells[place, 0] != key:
@@ -377,7 +378,7 @@ def _place_of(cells: IntArray, key: int) -> np.uint64:
 
 @kernel
 def _grown(table: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
-    """Return a table of cells, and the pieces in them, with twice as many places."""
+    """Return the hash table of cells and the index of pieces with twice the size."""
     larger, more = np.full((2 * len(table), 2), _NOBODY), np.full(2 * len(numbers), -1)
     for old in range(len(table)):
         if table[old, 0] != _NOBODY:
@@ -390,7 +391,7 @@ def _grown(table: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
 
 @kernel
 def _is_on(lines: FloatArray, number: int, x: float, y: float, way_x: float, way_y: float, reach: float) -> bool:
-    """Tell whether the end x, y of a beam's way can lie on what is left of a line: it is there, and faces the laser."""
+    """Return whether the end x, y of a beam lies near a line, within its length, and the line faces the laser."""
     px, py, lx, ly, half = lines[number, 0], lines[number, 1], lines[number, 2], lines[number, 3], lines[number, 4]
     across, along = lx * (y - py) - ly * (x - px), lx * (x - px) + ly * (y - py)
     facing, length = ly * way_x - lx * way_y, way_x * way_x + way_y * way_y

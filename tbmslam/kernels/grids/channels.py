@@ -1,4 +1,4 @@
-"""Masses drawn as 8-bit images, one pixel a cell."""
+"""Masses as 8-bit images with one pixel for each cell."""
 
 import numpy as np
 import numpy.typing as npt
@@ -10,9 +10,8 @@ from tbmslam.kernels import kernel
 def draw_channels(masses: npt.NDArray[np.float32], border: int, images: npt.NDArray[np.uint8]) -> None:
     """Draw ``masses`` (rows, cols, 4) into ``images`` (4, rows + 2 border, cols + 2 border), the last row on top.
 
-    The images are the probability of being free, and the masses on occupied, free and unknown once the conflict is
-    normalised; 255 stands for one. Left as they are: the border, and cells of which nothing at
-    all is known, most of a map.
+    The images are the probability of being free, and the masses on occupied, free and unknown after the conflict is
+    normalised; 255 is one. The border and the unknown cells, which are most of a map, are left unchanged.
     """
     rows, cols = masses.shape[0], masses.shape[1]
     for row in range(rows):

@@ -1,8 +1,8 @@
-"""One more source's masses added to what is kept of every cell, by each rule of fusion.
+"""Fusion of the masses of several sources, cell by cell and source by source, for each rule.
 
-Masses are a tuple (conflict, free, occupied, unknown) within this file. What is kept of a cell (its `width`) differs by
-rule: four masses; for Dubois and Prade also the disjunction (4), and the products of what they put on free and on
-occupied (2); for the rules that know no masses, one source's belief (4) and two numbers of their own.
+In this file masses are a tuple (conflict, free, occupied, unknown). The state ``kept`` of a cell depends on the rule.
+Most rules keep four masses. Dubois and Prade's rule also keeps the disjunction (4) and the products of the masses on
+free and on occupied (2). The rules without masses keep the belief of one source (4) and two numbers.
 """
 
 import math
@@ -15,7 +15,7 @@ from tbmslam.kernels import kernel
 DISJUNCTIVE, CONJUNCTIVE, DEMPSTER, DUBOIS_PRADE, YAGER, AVERAGE, UNANIMOUS, LOG_ODDS, ENTROPY_FILTER = range(9)
 
 _SUREST = 0.998
-"""Most that a probability may lean to one side, 0.999 against 0.001: the log odds of certainty are infinite."""
+"""Largest difference of two probabilities, 0.999 and 0.001: the log odds of certainty are infinite."""
 
 Belief = tuple[float, float, float, float]
 Cells = npt.NDArray[np.float32]
@@ -24,10 +24,10 @@ Counts = npt.NDArray[np.uint16]
 
 @kernel
 def add_layer(rule: int, masses: Cells, trust: float, kept: Cells, agreed: Cells, seen_by: Counts) -> None:
-    """Add a source's ``masses`` (rows, cols, 4), discounted by ``trust``, wherever it saw anything.
+    """Add the ``masses`` (rows, cols, 4) of a source, discounted by ``trust``, in the cells that it observed.
 
-    ``kept`` (rows, cols, width), the conjunction ``agreed`` (rows, cols, 4) of all conflict-free sources, and the
-    number ``seen_by`` (rows, cols) of sources so far are changed in place.
+    This updates the state ``kept`` (rows, cols, width), the conjunction ``agreed`` (rows, cols, 4) of all conflict-free
+    sources, and the number ``seen_by`` (rows, cols) of sources.
     """
     for row in range(masses.shape[0]):
         for col in range(masses.shape[1]):
@@ -48,10 +48,10 @@ def add_layer(rule: int, masses: Cells, trust: float, kept: Cells, agreed: Cells
 def finish(
     rule: int, kept: Cells, agreed: Cells, seen_by: Counts, required: int, fused: Cells, conflict: Cells
 ) -> None:
-    """Write what is made of the ``kept`` into ``fused``, and the mass of ``agreed`` on conflict into ``conflict``.
+    """Write the masses of the state ``kept`` into ``fused``, and the mass of ``agreed`` on conflict into ``conflict``.
 
-    Cells that fewer than ``required`` sources saw become unknown; there is no conflict where fewer than two saw a cell.
-    ``fused`` (rows, cols, 4) may be the array ``kept`` itself.
+    Cells observed by fewer than ``required`` sources become unknown. Cells observed by fewer than two sources have no
+    conflict. ``fused`` (rows, cols, 4) may be the array ``kept`` itself.
     """
     for row in range(kept.shape[0]):
         for col in range(kept.shape[1]):
@@ -72,7 +72,7 @@ def _start(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
     elif rule == UNANIMOUS:
         kept[row, col, 4] = 1.0 if belief[1] > belief[2] else 0.0
         kept[row, col, 5] = 1.0 if belief[2] > belief[1] else 0.0
-    elif rule >= LOG_ODDS:  # a set of rules would be made anew for every cell
+    elif rule >= LOG_ODDS:  # a set of rules would be built for every cell
         kept[row, col, 4] = kept[row, col, 5] = _log_odds(belief)
 
 
@@ -85,7 +85,7 @@ def _add(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
     if rule == AVERAGE:
         after = (before[0] + belief[0], before[1] + belief[1], before[2] + belief[2], before[3] + belief[3])
     elif rule == DISJUNCTIVE:
-        # Sums of masses multiply under the associative rules: a rounding of each map would grow with their number.
+        # The associative rules multiply the sums of masses, so rounding errors would grow with the number of maps.
         after = _rescaled(_disjunction(before, belief))
     elif rule == DEMPSTER:
         after = _normalised(_conjunction(before, belief))
@@ -103,7 +103,7 @@ def _add(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
 @kernel
 def _add_evidence(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
     if rule == UNANIMOUS:
-        if kept[row, col, 4] + kept[row, col, 5] == 0.0:  # who says nothing may have come first
+        if kept[row, col, 4] + kept[row, col, 5] == 0.0:  # earlier sources may be undecided
             _store(kept, row, col, 0, belief)
         kept[row, col, 4] += 1.0 if belief[1] > belief[2] else 0.0
         kept[row, col, 5] += 1.0 if belief[2] > belief[1] else 0.0
@@ -111,7 +111,7 @@ def _add_evidence(rule: int, belief: Belief, kept: Cells, row: int, col: int) ->
     odds = _log_odds(belief)
     surest = kept[row, col, 5]
     kept[row, col, 4] += odds
-    # Of two equally sure sources either may come first, and the order of the sources must not matter.
+    # The result must not depend on the order of two equally certain sources.
     if abs(odds) > abs(surest) or (abs(odds) == abs(surest) and odds < surest):
         kept[row, col, 5] = odds
 
@@ -120,7 +120,7 @@ def _add_evidence(rule: int, belief: Belief, kept: Cells, row: int, col: int) ->
 def _finished(rule: int, kept: Cells, row: int, col: int, count: int) -> Belief:
     m = _read(kept, row, col, 0)
     if rule == UNANIMOUS and kept[row, col, 4] + kept[row, col, 5] == 1.0:
-        return m  # of the only source that takes a side
+        return m  # of the only decided source
     if rule >= UNANIMOUS:
         return m if count < 2 else _weighed(rule, kept[row, col, 4], kept[row, col, 5])
     if rule == AVERAGE:
@@ -128,11 +128,12 @@ def _finished(rule: int, kept: Cells, row: int, col: int, count: int) -> Belief:
     if rule == YAGER:
         return (0.0, m[1], m[2], m[3] + m[0])
     if rule == DUBOIS_PRADE:
-        # A set gets the products whose intersection it is, and those with an empty intersection whose union it is. Of
-        # the products with union {free}, all but the one where every source says {free} have an empty intersection.
+        # A set receives the products with this intersection, and the products with an empty intersection and this
+        # union. Of the products with union {free}, only the product of all masses on {free} has a nonempty
+        # intersection.
         either = _read(kept, row, col, 4)
         all_free, all_occupied = float(kept[row, col, 8]), float(kept[row, col, 9])
-        mixed = m[1] - all_free + m[2] - all_occupied  # {free} or {occupied} in common, though some say unknown
+        mixed = m[1] - all_free + m[2] - all_occupied  # intersection {free} or {occupied}, union unknown
         return (
             max(either[0], 0.0),
             max(m[1] + either[1] - all_free, 0.0),
@@ -144,7 +145,7 @@ def _finished(rule: int, kept: Cells, row: int, col: int, count: int) -> Belief:
 
 @kernel
 def _weighed(rule: int, first: float, second: float) -> Belief:
-    """Return the belief that the two numbers of a rule without masses stand for."""
+    """Return the belief for the two numbers of a rule without masses."""
     if rule == UNANIMOUS:
         lean = 1.0 if first == 0.0 and second > 0.0 else (-1.0 if second == 0.0 and first > 0.0 else 0.0)
     elif rule == ENTROPY_FILTER and abs(first) < abs(second):
@@ -209,7 +210,7 @@ def _rescaled(m: Belief) -> Belief:
 
 @kernel
 def _read(cells: Cells, row: int, col: int, first: int) -> Belief:
-    # The array and the place, not a view of the cell: views are counted, which took most of the time.
+    # A view of the cell as argument would take most of the time, since numba counts references to views.
     return (
         float(cells[row, col, first]),
         float(cells[row, col, first + 1]),

@@ -1,4 +1,4 @@
-"""Cells of one grid read at the places of another's."""
+"""Resampling of a grid at the cells of another grid."""
 
 import math
 
@@ -11,7 +11,7 @@ Cell = tuple[int, int]
 """A row and a column."""
 
 _TILE = 16
-"""Columns of a tile: a turned grid is read across its rows, and a tile of few columns stays near one place."""
+"""Columns of a tile; reading a rotated grid tile by tile stays within a small part of memory."""
 
 
 @kernel

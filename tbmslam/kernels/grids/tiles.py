@@ -1,7 +1,7 @@
-"""Grids of evidence made of square tiles that several grids share: how likely scans are in them, and writing.
+"""Grids of evidence with shared square tiles: the likelihood of scans, and updates.
 
-A grid is an array (rows, cols) of places, each with its tile's number in one pool; tile 0 is the vacuous one, which
-nobody writes. A tile that more than one grid refers to is copied before it is written.
+A grid is an array (rows, cols) of indices into a pool of tiles. Tile 0 is vacuous and never written. A tile of more
+than one grid is copied before it is written.
 """
 
 import math
@@ -18,19 +18,19 @@ Index = npt.NDArray[np.int32]
 
 TILE_BITS = 6
 TILE = 1 << TILE_BITS
-"""Cells along a tile."""
+"""Side of a tile [cells]."""
 _RATIO_LIMIT = 1e30
-_LEAST = 0.02  # mass on OCCUPIED that is as good as none
-_REACH_SQUARED = 1.5  # cells^2 from a hit to the centre of a cell; the corners of 3 x 3 hardly matter
+_LEAST = 0.02  # smaller masses on OCCUPIED are ignored
+_REACH_SQUARED = 1.5  # largest squared distance from a hit to the centre of a cell; no corners of 3 x 3 [cells^2]
 
 
 class TileGrid(NamedTuple):
-    """One grid of tiles, as kernels see it."""
+    """A grid of tiles."""
 
     tiles: Tiles
-    """(N, TILE, TILE, 2): the pool; a_F and a_O of every cell, as in `tbmslam.belief.evidence_grid`."""
+    """The pool (N, TILE, TILE, 2): a_F and a_O of every cell, as in `tbmslam.belief.evidence_grid`."""
     places: Index
-    """(rows, cols): which tile of the pool lies where."""
+    """The index (rows, cols) of each tile in the pool."""
     resolution: float
     first_row: int
     """Lattice index of the first tile's first cell, in tiles."""
@@ -38,23 +38,23 @@ class TileGrid(NamedTuple):
 
 
 class HitModel(NamedTuple):
-    """How likely a hit is beside what a grid knows, as logarithms are taken."""
+    """The likelihood of a hit in a grid, relative to 1 on a certain wall."""
 
     gain: float
-    """Power of every hit's likelihood: neighbouring beams are not independent."""
+    """Exponent of the likelihood of each hit, since neighbouring beams are not independent."""
     clutter: float
-    """Likelihood of a hit where nothing should be, beside 1 on a certain wall."""
+    """Likelihood of a hit in free space."""
     unknown: float
-    """Likelihood where nothing is known."""
+    """Likelihood of a hit in an unknown cell."""
     spread: float
     """Standard deviation of a hit from the centre of its cell [cells]."""
 
 
 @kernel
 def log_likelihood(grid: TileGrid, points: FloatArray, pose: Pose, model: HitModel) -> float:
-    """Return the logarithm of the likelihood of hits (N, 2) [m], placed by the pose of their frame.
+    """Return the log likelihood of hits (N, 2) [m], transformed by the pose of their frame.
 
-    A hit counts as near to a wall as its best cell in 3 x 3: by the cell's mass on OCCUPIED and a Gaussian of the
+    The likelihood of a hit is that of its best cell in 3 x 3: the cell's mass on OCCUPIED times a Gaussian of the
     distance from its centre (as in Grisetti, Stachniss, Burgard 2007).
     """
     x, y, theta = pose
@@ -75,7 +75,7 @@ def log_likelihood(grid: TileGrid, points: FloatArray, pose: Pose, model: HitMod
 def _nearest_wall(
     grid: TileGrid, row: int, col: int, row_at: float, col_at: float, exponent: float
 ) -> tuple[float, float]:
-    """Return how near a wall a point in a lattice cell is, in [0, 1], and the cell's mass on UNKNOWN."""
+    """Return the best product of mass on OCCUPIED and Gaussian for a point, and the mass of its cell on UNKNOWN."""
     tile_row, tile_col = (row >> TILE_BITS) - grid.first_row, (col >> TILE_BITS) - grid.first_col
     if tile_row < 0 or tile_col < 0 or tile_row >= grid.places.shape[0] or tile_col >= grid.places.shape[1]:
         return 0.0, 1.0
@@ -83,7 +83,7 @@ def _nearest_wall(
     inside_row, inside_col = row & (TILE - 1), col & (TILE - 1)
     unknown = 1.0 / (tile[inside_row, inside_col, 0] + tile[inside_row, inside_col, 1] - 1.0)
     near = _LEAST
-    for r in range(max(inside_row - 1, 0), min(inside_row + 2, TILE)):  # what lies in the next tile hardly matters
+    for r in range(max(inside_row - 1, 0), min(inside_row + 2, TILE)):  # ignores cells of the next tile
         for c in range(max(inside_col - 1, 0), min(inside_col + 2, TILE)):
             free, occupied = tile[r, c, 0], tile[r, c, 1]
             if occupied - 1.0 > near * (free + occupied - 1.0):  # the mass on OCCUPIED, without the division
@@ -98,7 +98,7 @@ def _nearest_wall(
 def log_posterior(
     grid: TileGrid, points: FloatArray, pose: Pose, guess: Pose, deviations: tuple[float, float], model: HitModel
 ) -> float:
-    """Return `log_likelihood` plus a Gaussian prior around a guess, deviations in position [m] and heading [rad]."""
+    """Return `log_likelihood` plus a Gaussian log prior around a guess with deviations [m, rad]."""
     position = ((pose[0] - guess[0]) ** 2 + (pose[1] - guess[1]) ** 2) / deviations[0] ** 2
     heading = (pose[2] - guess[2]) ** 2 / deviations[1] ** 2
     return log_likelihood(grid, points, pose, model) - 0.5 * (position + heading)
@@ -116,7 +116,7 @@ def climb_posterior(
 ) -> tuple[float, float, float, float]:
     """Climb from the guess to a local maximum of `log_posterior`; return x, y, theta and the value there.
 
-    Steps of so much length [m] and angle [rad] along the axes; a round without improvement halves them.
+    The steps [m, rad] go along the axes. A round without improvement halves them.
     """
     pose = (guess[0], guess[1], guess[2])
     best = log_posterior(grid, points, pose, guess, deviations, model)
@@ -150,7 +150,7 @@ def sampled_posterior(
     model: HitModel,
     steps: tuple[float, float],
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return mean (3,) and covariance (3, 3) of the posterior on 27 poses around its mode, and its mean's logarithm."""
+    """Return mean (3,), covariance (3, 3) and log of the average of the posterior at 27 poses around its mode."""
     offsets, values = np.empty((27, 3)), np.empty(27)
     for i in range(27):
         offsets[i, 0], offsets[i, 1] = (i % 3 - 1) * steps[0], (i // 3 % 3 - 1) * steps[0]
@@ -180,14 +180,14 @@ def write_cells(
     is_hit: npt.NDArray[np.bool_],
     factors: BeamFactors,
 ) -> int:
-    """Combine evidence into lattice cells (M, 2), all within its places; return how many free tiles are left.
+    """Combine evidence into lattice cells (M, 2), all within the grid; return the number of free tiles left.
 
     Parameters
     ----------
     references
-        (N,) How many grids refer to each tile of the pool; kept up to date.
+        Number (N,) of grids that use each tile of the pool; is updated.
     free, free_count
-        Tiles that nobody refers to, the last of which are taken first; there must be enough.
+        A sufficient number of unused tiles; the last are taken first.
     """
     for i in range(len(cells)):
         row, col = cells[i, 0], cells[i, 1]

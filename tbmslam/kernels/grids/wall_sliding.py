@@ -1,4 +1,4 @@
-"""Walls of one map slid onto the walls of another map, and these onto those."""
+"""Symmetric point-to-line registration of the walls of two maps."""
 
 import math
 
@@ -20,14 +20,14 @@ def _pull(
     facing: float,
     system: FloatArray,
 ) -> None:
-    """Add the normal equations (4, 4), upper half, of some walls to be slid onto the fixed map's lines.
+    """Add the point-to-line equations of some moving walls to the upper half of the normal equations (4, 4).
 
-    `pose` is T_target_source; `back` tells that the target moves, whose pull on the source is the opposite one.
+    `pose` is T_target_source. With `back` the moving walls are those of the target.
     """
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     lay(moving, fixed, pose, back)
     distances, nearest = fixed.distances.reshape(-1), fixed.nearest.reshape(-1)
-    # In numbers, not in the array: this is the innermost loop of an alignment.
+    # Local sums are faster than an array; this is the innermost loop of an alignment.
     xx, xy, xt, xd = system[0, 0], system[0, 1], system[0, 2], system[0, 3]
     yy, yt, yd = system[1, 1], system[1, 2], system[1, 3]
     tt, td = system[2, 2], system[2, 3]
@@ -47,7 +47,7 @@ def _pull(
         x, y = moving.x[i], moving.y[i]
         nx, ny = fixed.normals[near, 0], fixed.normals[near, 1]
         distance = (x - fixed.points[near, 0]) * nx + (y - fixed.points[near, 1]) * ny
-        if back:  # seen from the target
+        if back:  # expressed in the target's frame
             x, y = moving.points[i, 0], moving.points[i, 1]
             nx, ny, distance = cosine * nx - sine * ny, sine * nx + cosine * ny, -distance
         weight = moving.weights[i] / (1.0 + (distance / (0.5 * reach)) ** 2) ** 2
@@ -62,7 +62,7 @@ def _pull(
         yd += along_y * distance
         tt += along_turn * turn
         td += along_turn * distance
-        # The damping's share: how many pull, and how far from the centre.
+        # Scales of the damping: the sum of weights, and of squared distances from the centre.
         pulling += moving.weights[i]
         squares += moving.weights[i] * ((x - centre[0]) ** 2 + (y - centre[1]) ** 2)
         number += 1.0
@@ -74,7 +74,7 @@ def _pull(
 
 @kernel
 def _solved(system: FloatArray) -> Pose:
-    """Return the step that solves the symmetric normal equations: left three columns, right side negative."""
+    """Return the solution of the normal equations: three columns, and the negative right-hand side."""
     a, b, c = system[0, 0], system[0, 1], system[0, 2]
     d, e, f = system[1, 1], system[1, 2], system[2, 2]
     p, q, r = -system[0, 3], -system[1, 3], -system[2, 3]
@@ -100,7 +100,7 @@ def slide_walls(
     reaches: FloatArray,
     facing: float,
 ) -> FloatArray:
-    """Return motions T_target_source (M, 3) after sliding walls onto walls in both directions, once for every reach."""
+    """Return motions T_target_source (M, 3) after one Gauss-Newton step in both directions for every reach."""
     slid = motions.copy()
     middle = np.zeros(2)
     for k in source_some:
@@ -121,7 +121,7 @@ def slide_walls(
             _pull(back, source, pose, True, centre, reach, facing, system)
             if system[3, 2] < 3.0:
                 break
-            # A little damping keeps a corridor, which does not say how far along it one is, from running away.
+            # A corridor does not determine the translation along it. Small damping prevents large steps there.
             system[0, 0] += 1e-3 * system[3, 0]
             system[1, 1] += 1e-3 * system[3, 0]
             system[2, 2] += 1e-3 * system[3, 1] + 1e-12

@@ -1,4 +1,4 @@
-"""Walls of one map held against another map, for many motions at once."""
+"""Comparison of the walls of one map with another map, for many motions at once."""
 
 import math
 from typing import NamedTuple
@@ -16,55 +16,55 @@ class Walls(NamedTuple):
     normals: FloatArray
     """Surface cells (N, 2) [m] and unit vectors (N, 2) into the free space."""
     two_sided: BoolArray
-    """Which (N,) have free space on both sides."""
+    """Whether each cell (N,) has free space on both sides."""
     weights: FloatArray
-    """How much each (N,) counts."""
+    """Weight of each cell (N,)."""
     distances: npt.NDArray[np.float32]
     nearest: npt.NDArray[np.int32]
-    """From every cell (rows, cols) to the nearest surface cell [m], and its index."""
+    """Distance from every cell (rows, cols) to the nearest surface cell [m], and the index of that cell."""
     states: npt.NDArray[np.uint8]
-    """0 unknown, 1 free, 2 known otherwise (rows, cols)."""
+    """State of every cell (rows, cols): 0 unknown, 1 free, 2 occupied or contradictory."""
     resolution: float
     origin_x: float
     origin_y: float
-    """Where the cells lie [m]."""
+    """Side of a cell and origin of the grid [m]."""
 
 
 FACING = 0.7
-"""Least cosine between the normals of two walls that may be one wall seen from the same side."""
+"""Least cosine between two normals of the same face of a wall."""
 
 
 class Limits(NamedTuple):
-    """Distances [m] and a cosine, as the kernels take them."""
+    """Thresholds of a comparison."""
 
     agreement: float
-    """Walls nearer to each other than this agree, if they face the same way."""
+    """Largest distance between agreeing walls with similar normals [m]."""
     conflict: float
-    """A wall on free space farther than this from every wall contradicts."""
+    """Least distance between a conflicting wall in free space and the walls of the other map [m]."""
     front: float
-    """Distance before a wall in which the other map must have free space, so that its robot could see the wall."""
+    """Distance from a wall to the free space from which the robot of the other map would have seen it [m]."""
     facing: float
-    """Least cosine between the normals of walls that may be one."""
+    """Least cosine between the normals of agreeing walls."""
 
 
 COMPARED, AGREED, CONFLICTING, UNSEEN, XX, XY, YY, SQUARES = range(8)
-"""What `compare_walls` sums up."""
+"""Columns of the sums of `compare_walls`."""
 
 OUTSIDE, NEITHER, AGREES, CONFLICTS, NOT_SEEN = range(5)
-"""What `hold_walls` says of a wall."""
+"""Results of `classify_walls` for a wall."""
 
 
 @kernel
 def faces(
     nx: float, ny: float, two_sided: bool, other_normals: FloatArray, other_two_sided: BoolArray, index: int
 ) -> float:
-    """Return the cosine between two walls' normals; of walls that face both ways, of the nearer ones."""
+    """Return the cosine between the normals of two walls, positive if either wall is two-sided."""
     cosine = nx * other_normals[index, 0] + ny * other_normals[index, 1]
     return float(abs(cosine) if two_sided or other_two_sided[index] else cosine)
 
 
 class WallPoints(NamedTuple):
-    """Some walls of a map side by side, and room for where they come to lie on another one."""
+    """Some walls of a map, and arrays for their positions in another map."""
 
     points: FloatArray
     normals: FloatArray
@@ -73,14 +73,14 @@ class WallPoints(NamedTuple):
     """As in `Walls` (K,)."""
     x: FloatArray
     y: FloatArray
-    """Where they lie in the other map's frame (K,) [m]."""
+    """Positions (K,) in the frame of the other map [m]."""
     cells: npt.NDArray[np.int32]
-    """The number of the cell of the other map that each lies in (K,); -1 outside."""
+    """Flat indices (K,) of the cells of the other map; -1 outside."""
 
 
 @kernel
 def wall_points(walls: Walls, some: npt.NDArray[np.int64]) -> WallPoints:
-    """Return some walls (K,) of a map, which lie nowhere yet."""
+    """Return some walls (K,) of a map, with uninitialised positions."""
     count = len(some)
     return WallPoints(
         walls.points[some],
@@ -95,11 +95,11 @@ def wall_points(walls: Walls, some: npt.NDArray[np.int64]) -> WallPoints:
 
 @kernel
 def lay(moving: WallPoints, fixed: Walls, pose: Pose, back: bool) -> None:
-    """Fill in where walls lie on a map under T_fixed_moving; ``back`` tells that the pose is its inverse."""
+    """Compute the positions of walls in a map for the pose T_fixed_moving, or its inverse with ``back``."""
     tx, ty, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
     points, xs, ys, cells = moving.points, moving.x, moving.y, moving.cells
-    # Loops without branches, whose steps the processor takes several at a time.
+    # Loops without branches are vectorised.
     if back:
         for i in range(len(points)):
             dx, dy = points[i, 0] - tx, points[i, 1] - ty
@@ -122,10 +122,10 @@ def compare_walls(
 ) -> FloatArray:
     """Return weighted sums (M, 8) over some walls (K,) of the moving map, one row for every motion (M, 3).
 
-    COMPARED are walls where the fixed map knows something or whose front it knows to be free; AGREED those near a wall
-    that faces the same way; CONFLICTING those that stand on free space far from all walls; UNSEEN those whose front
-    the other robot saw free, so that it must have seen the wall, and did not; XX, XY, YY scatter of the agreeing
-    walls' normals; SQUARES their squared distances.
+    COMPARED: walls in known cells of the fixed map, or near its walls. AGREED: walls near a wall with a similar normal.
+    CONFLICTING: walls in free space, far from all walls. UNSEEN: walls in unknown cells although the space in front of
+    them is free, so the other robot would have seen them. XX, XY, YY: scatter of the normals of agreeing walls.
+    SQUARES: their squared distances.
     """
     sums = np.zeros((len(motions), 8))
     rows, cols = fixed.states.shape
@@ -135,7 +135,7 @@ def compare_walls(
         pose = (motions[m, 0], motions[m, 1], motions[m, 2])
         cosine, sine = math.cos(pose[2]), math.sin(pose[2])
         lay(walls, fixed, pose, False)
-        # In numbers, not in the array: this loop is a fifth of an alignment.
+        # Local sums are faster than an array; this loop takes a fifth of an alignment.
         compared = agreed = conflicting = unseen = xx = xy = yy = squares = 0.0
         for i in range(len(some)):
             cell = walls.cells[i]
@@ -174,11 +174,11 @@ def compare_walls(
 
 
 @kernel
-def hold_walls(
+def classify_walls(
     moving: Walls, some: npt.NDArray[np.int64], fixed: Walls, motion: Pose, limits: Limits
 ) -> npt.NDArray[np.uint8]:
-    """Return what becomes of each of some walls (K,) under a motion: which of the sums of `compare_walls` it enters."""
-    # The questions are those of `compare_walls`, asked once more: there, a call for each wall takes six times as long.
+    """Return the result of the comparison for each of some walls (K,) and one motion, see `compare_walls`."""
+    # This repeats the tests of `compare_walls`, which would take six times as long with a call for each wall.
     found = np.zeros(len(some), dtype=np.uint8)
     rows, cols = fixed.states.shape
     cosine, sine = math.cos(motion[2]), math.sin(motion[2])
@@ -210,9 +210,9 @@ def hold_walls(
 
 @kernel
 def see_through_walls(moving: Walls, fixed: Walls, motion: Pose, reach: float) -> BoolArray:
-    """Return which walls (N,) of the moving map the fixed one knows to be free, and all before and behind within reach.
+    """Return the walls (N,) of the moving map in free space of the fixed map, also along their normals within reach.
 
-    What a bend displaced stands not so far off along its normal, and ends the free space there.
+    A wall displaced by a deformation is not found, since its counterpart lies within reach along the normal.
     """
     found = np.zeros(len(moving.points), dtype=np.bool_)
     rows, cols = fixed.states.shape

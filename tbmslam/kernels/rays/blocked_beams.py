@@ -1,4 +1,4 @@
-"""Beams followed while a robot moves, to find those that something on it blocks."""
+"""Detection of beams that a part of the robot blocks, from their ranges while the robot moves."""
 
 import math
 
@@ -11,32 +11,33 @@ from tbmslam.kernels import BoolArray, FloatArray, kernel
 def follow_beams(
     state: FloatArray, ranges: FloatArray, here: tuple[float, ...], limits: tuple[float, ...], fewest: int
 ) -> tuple[BoolArray, BoolArray, bool, bool]:
-    """Return which beams (B,) are blocked, which are suspected to be, and whether any is.
+    """Return which beams (B,) are blocked, which are suspected to be blocked, and whether any are.
 
     Parameters
     ----------
     state
-        (5, B): where a beam ended when it began to be constant [m], its stamp [s] and the way [m] then, longer by what
-        the robot went since without a return, and the largest and the smallest turn at which it returned since [rad].
+        (5, B): the range since which a beam is constant [m], the stamp [s] and the distance travelled [m] at its begin,
+        and the largest and the smallest heading with a return since then [rad]. The distance also grows by the steps
+        without a return.
     ranges
-        Where the beams (B,) end now [m].
+        The present ranges (B,) [m].
     here
-        The stamp [s], the way [m] and the turn [rad] by now, and the way since the last look [m].
+        The present stamp [s], distance travelled [m] and heading [rad], and the distance since the last scan [m].
     limits
-        How far ranges of a constant beam differ; how near it ends; the way and the turn that it outlasts; how near is
-        very near, and way and turn for that [m, rad].
+        Largest difference between constant ranges; largest range; distance and rotation after which a constant beam is
+        blocked; largest range, distance and rotation for very near beams [m, rad].
     fewest
-        Neighbours that must be blocked, or suspected, together.
+        Least number of neighbouring beams that are blocked, or suspected, together.
     """
     stamp, way, turn, step = here
     spread, near, travelled, turned, very_near, soon, soon_turned = limits
     blocked, suspected = np.zeros(len(ranges), dtype=np.bool_), np.zeros(len(ranges), dtype=np.bool_)
     for i in range(len(ranges)):
-        # What got lost proves nothing: a laser that sees near things alone meets some at one range by chance.
+        # A lost beam is no evidence: a laser with a short range sees few things, some at equal ranges by chance.
         if not math.isfinite(ranges[i]):
             state[2, i] += step
         else:
-            if not abs(ranges[i] - state[0, i]) <= spread:  # what ends far off is not on the robot
+            if not abs(ranges[i] - state[0, i]) <= spread:  # a changed range is not a part of the robot
                 state[0, i], state[1, i], state[2, i] = ranges[i], stamp, way
                 state[3, i] = state[4, i] = turn
             state[3, i], state[4, i] = max(state[3, i], turn), min(state[4, i], turn)
@@ -50,7 +51,7 @@ def follow_beams(
 
 @kernel
 def _keep_runs(marked: BoolArray, fewest: int) -> bool:
-    """Drop the marks (B,) that have too few marked neighbours in a row; return whether there are others."""
+    """Remove the runs of fewer than `fewest` marked beams (B,); return whether other marks remain."""
     begin, keeps_any = 0, False
     for i in range(len(marked) + 1):
         if i < len(marked) and marked[i]:

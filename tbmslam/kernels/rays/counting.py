@@ -1,8 +1,8 @@
-"""How many scans met something in a cell, and how many looked through it.
+"""Counts of the scans that hit each cell, and of the scans that passed it.
 
-Where every scan has one word on a cell, the evidence on it depends on two counts alone. A cell's counts are one number,
-which takes two thirds of the memory of three: the lowest bits are the scans that passed it, the next ones the scans
-that hit it, and the highest ones the number of the last scan that spoke of it.
+Each scan counts once in a cell, so the evidence depends on these two counts only. The counts of a cell are packed into
+one integer to save memory: the lowest bits count the scans that passed it, the next bits the scans that hit it, and the
+highest bits are the number of the last scan that touched it.
 """
 
 import math
@@ -16,30 +16,30 @@ from tbmslam.kernels.rays.lattice import Lattice
 Counts = npt.NDArray[np.int64]
 
 BITS = 21
-"""Of each of the three parts."""
+"""Number of bits of each of the three parts."""
 MOST_SCANS = (1 << BITS) - 1
-"""As many can be counted."""
+"""Largest number of scans."""
 LOW = MOST_SCANS
 ONE_HIT = 1 << BITS
 BOTH = (1 << (2 * BITS)) - 1
 
 FRACTION_BITS = 40
 FRACTION = float(1 << FRACTION_BITS)
-"""Parts of a cell, in which a beam is followed by whole numbers: they need no conversion from step to step."""
+"""Fixed-point unit of a cell: beams are followed in integers, which need no conversion at each step."""
 
 COVERED = 0.8
-"""Beams that are this share of a cell apart leave no cell between them out."""
+"""Distance between neighbouring beams that together touch every cell between them [cells]."""
 
 
 @kernel
 def hits_in(count: int) -> int:
-    """Return how many scans hit a cell."""
+    """Return the number of scans that hit a cell."""
     return (count >> BITS) & LOW
 
 
 @kernel
 def passages_in(count: int) -> int:
-    """Return how many scans passed a cell."""
+    """Return the number of scans that passed a cell."""
     return count & LOW
 
 
@@ -53,7 +53,7 @@ def beam_ends(
     max_range: float,
     clears: bool,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_], IntArray]:
-    """Return where the beams of many scans end [m], which of them hit something, and where each scan begins.
+    """Return the end points of the beams of many scans [m], whether each is a hit, and the first index of each scan.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ def beam_ends(
     poses
         Poses (K, 3) of the laser.
     max_range
-        A hit beyond it only clears the way up to it [m].
+        Hits beyond this range only clear the space up to it [m].
     clears
-        Whether a beam that met nothing clears the way up to its limit; else it says nothing.
+        Whether beams without a return clear the space up to their limit; otherwise they are ignored.
     """
     ends = np.empty((len(ranges), 2))
     is_hit = np.zeros(len(ranges), dtype=np.bool_)
@@ -72,7 +72,7 @@ def beam_ends(
     count = 0
     for k in range(len(poses)):
         limit = min(max_range, beams[k, 3])
-        # Where the laser is and the beam's direction are moved on from beam to beam, as in `hit_points`.
+        # The position of the laser and the direction advance from beam to beam, as in `hit_points`.
         x, y = poses[k, 0], poses[k, 1]
         cosine, sine = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         step_x = cosine * beam_steps[k, 0] - sine * beam_steps[k, 1]
@@ -106,22 +106,22 @@ def count_scans(
     offsets: IntArray,
     before: int,
 ) -> None:
-    """Count scans into the cells they touch: each once a cell, as a hit if any of its beams ended there on something.
+    """Count each scan once in every cell that it touches: as a hit if one of its beams hit the cell, else as a passage.
 
     Parameters
     ----------
     counts
-        (rows, cols); must contain all beams with a cell to spare.
+        (rows, cols); must contain all beams and a margin of one cell.
     lasers
-        Where the lasers were, (K, >= 2) [m].
+        Positions of the laser (K, >= 2) [m].
     ends
-        The beams' end points (N, 2) [m], in the order of their angles.
+        End points of the beams (N, 2) [m], in the order of their angles.
     is_hit
-        Which beams (N,) met something.
+        Whether each beam (N,) is a hit.
     offsets
-        Where each scan begins in `ends`, and where the last one ends (K + 1,).
+        First index of each scan in `ends`, and the end of the last scan (K + 1,).
     before
-        How many scans were counted before; they have numbers from 1 to `MOST_SCANS`.
+        Number of scans counted before; scans have numbers from 1 to `MOST_SCANS`.
     """
     resolution, first_row, first_col = lattice
     width = counts.shape[1]
@@ -165,10 +165,10 @@ def _measure_beams(
 
 @kernel
 def _seen_by_neighbours(beams: FloatArray, count: int, number: int, resolution: float) -> float:
-    """Return up to which share of its length a beam touches only cells that beams counted elsewhere touch, too.
+    """Return the share of a beam's length, from the laser, in which two other beams touch all of its cells.
 
-    Near the laser beams crowd. Of every two the odd one is left out until they have parted, and of the even ones again,
-    so a beam's neighbours in this sense are as far off as the largest power of two in its number.
+    Beams are dense near the laser. There the beams with odd numbers are skipped, nearer still every second beam of the
+    rest, and so on. The two other beams therefore are as far away as the largest power of two that divides the number.
     """
     apart = number & -number
     if number == 0 or number + apart >= count:
@@ -243,8 +243,8 @@ def _count_paths(cells: npt.NDArray[np.int64], spoken: int, paths: IntArray, num
 def _count_pair(cells: npt.NDArray[np.int64], one: int, other: int, spoken: int) -> None:
     """Count a passage of two cells, which may be the same.
 
-    Later scans have larger numbers, so what this one spoke of is not below it. Both are read before one is written,
-    without a branch: the processor need not wait.
+    Scan numbers rise, so cells that this scan touched already are not below `spoken`. Both cells are read before one is
+    written, without a branch, so that the processor does not wait.
     """
     first, second = cells[np.uint64(one)], cells[np.uint64(other)]
     cells[np.uint64(one)] = first if first >= spoken else (first & BOTH) + (spoken + 1)
@@ -259,17 +259,17 @@ def write_masses(
     keeps_conflict: bool,
     masses: npt.NDArray[np.float32],
 ) -> None:
-    """Write the masses that counts stand for: conflict, free, occupied, unknown.
+    """Write the masses for counts: conflict, free, occupied, unknown.
 
     Parameters
     ----------
     counts
         (rows, cols).
     hit_decay, miss_decay
-        The n-th power (H, 2), (M, 2) of q(UNKNOWN) / q(FREE) and q(UNKNOWN) / q(OCCUPIED) of one hit and one passage,
-        for every number n that occurs; see `tbmslam.belief.evidence_grid`.
+        Powers (H, 2), (M, 2) of q(UNKNOWN) / q(FREE) and q(UNKNOWN) / q(OCCUPIED) of one hit and of one passage, for
+        every exponent from 0 to the largest count; see `tbmslam.belief.evidence_grid`.
     keeps_conflict
-        Combine conjunctively (eq. 5) rather than by Dempster's rule.
+        Whether to combine conjunctively (eq. 5) instead of by Dempster's rule.
     masses
         (rows, cols, 4).
     """

@@ -1,4 +1,4 @@
-"""Where beams ended, and how what they met faces."""
+"""Hits of scans and the normals of the surfaces that were hit."""
 
 import math
 
@@ -13,7 +13,7 @@ Motion = tuple[float, float, float]
 
 @kernel
 def any_negative(ranges: FloatArray) -> bool:
-    """Return whether any range (N,) is negative; not-a-number is not."""
+    """Return whether any range (N,) is negative; not-a-number does not count."""
     found = False
     for i in range(len(ranges)):
         found |= ranges[i] < 0.0
@@ -44,10 +44,10 @@ def _write_points(
     max_range: float,
     points: FloatArray,
 ) -> int:
-    """Write what `hit_points` returns to the first of points (N, 2), and return how many there are."""
+    """Write the result of `hit_points` into the first of points (N, 2), and return its size."""
     x, y, count = 0.0, 0.0, 0
     still = beam_step[0] == 0.0 and beam_step[1] == 0.0
-    # Directions are turned from beam to beam, which takes a fifth of the time of asking for their sines.
+    # Rotating the direction from beam to beam takes a fifth of the time of computing sines.
     cosine, sine = math.cos(angle_min), math.sin(angle_min)
     turn_cosine, turn_sine = math.cos(angle_increment + beam_step[2]), math.sin(angle_increment + beam_step[2])
     step_x, step_y = beam_step[0], beam_step[1]
@@ -66,9 +66,9 @@ def _write_points(
 
 @kernel
 def beam_starts(count: int, beam_step: Motion) -> FloatArray:
-    """Return where the laser was at each of `count` beams (count, 2) [m], in its frame at the first beam.
+    """Return the position of the laser at each of `count` beams (count, 2) [m], in its frame at the first beam.
 
-    For a laser that stayed where it was one row stands for all.
+    If the laser did not move, one row is returned for all beams.
     """
     if beam_step[0] == 0.0 and beam_step[1] == 0.0:
         return np.zeros((1, 2))
@@ -84,8 +84,9 @@ def beam_starts(count: int, beam_step: Motion) -> FloatArray:
 def write_normals(points: FloatArray, apart: int, longest: float, normals: FloatArray) -> None:
     """Write unit normals (M, 2), towards the origin, of the surfaces of points (M, 2) in beam order.
 
-    A normal is perpendicular to the line between the neighbours `apart` places before and after. If that line is longer
-    than `longest` [m], or a point, they belong to another surface, and the normal points to the origin.
+    A normal is perpendicular to the line between the neighbours `apart` indices before and after. If that line is
+    longer than `longest` [m], or a point, the neighbours belong to another surface, and the normal points to the
+    origin.
     """
     last = len(points) - 1
     for i in range(len(points)):
@@ -110,7 +111,7 @@ def hits_of_scan(
     beam_step: Motion,
     max_range: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return `hit_points` and their normals, see `write_normals`, in one call."""
+    """Return `hit_points` and their normals, see `write_normals`."""
     points, normals = np.empty((len(ranges), 2)), np.empty((len(ranges), 2))
     count = write_hits(ranges, angle_min, angle_increment, beam_step, max_range, points, normals)
     return points[:count], normals[:count]
@@ -126,9 +127,9 @@ def write_hits(
     points: FloatArray,
     normals: FloatArray,
 ) -> int:
-    """Write what `hits_of_scan` returns to the first of points and normals (N, 2), and return how many there are.
+    """Write the result of `hits_of_scan` into the first of points and normals (N, 2), and return its size.
 
-    Dense beams are closer together than their noise, so neighbours further away tell the direction better.
+    Neighbouring hits of dense beams are nearer than their noise, so more distant neighbours give better normals.
     """
     count = _write_points(ranges, angle_min, angle_increment, beam_step, max_range, points)
     write_normals(points[:count], max(len(ranges) // 180, 1), 0.5, normals)
@@ -143,9 +144,9 @@ def hits_of_scans(
     beam_steps: FloatArray,
     max_range: float,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.int64]]:
-    """Return the hits (P, 2) of many scans, their normals (P, 2), and where each scan's begin (K + 1,) among them.
+    """Return the hits (P, 2) of many scans, their normals (P, 2), and the first index of each scan (K + 1,).
 
-    The scans come as in `tbmslam.map.keyframes.Keyframes`; half the precision is left, a micrometre or so.
+    The scans are given as in `tbmslam.map.keyframes.Keyframes`. Single precision keeps errors near a micrometre.
     """
     begins, longest = np.zeros(len(offsets), dtype=np.int64), 0
     for k in range(len(beams)):
@@ -160,7 +161,7 @@ def hits_of_scans(
         for i in range(offsets[k], offsets[k + 1]):
             wide[i - offsets[k]] = ranges[i]
         own, facing = hits_of_scan(wide[: offsets[k + 1] - offsets[k]], beams[k, 0], beams[k, 1], step, max_range)
-        # Element by element: an array assigned to a slice takes seconds to compile.
+        # Element by element, since assigning an array to a slice takes seconds to compile.
         for i in range(len(own)):
             for axis in range(2):
                 points[begins[k] + i, axis], normals[begins[k] + i, axis] = own[i, axis], facing[i, axis]
@@ -182,17 +183,17 @@ def place_hits(
     Parameters
     ----------
     points, normals
-        Hits (P, 2) of all scans in the sensor's frame, and the normals of what was hit.
+        Hits (P, 2) of all scans in the sensor's frame, and the normals of the surfaces.
     offsets
-        Where each scan begins in them, and where the last one ends (K + 1,).
+        First index of each scan, and the end of the last scan (K + 1,).
     chosen
-        Which scans.
+        Indices of the scans.
     poses
         Poses (K, 3) of the sensor.
     frame
-        Whose frame the hits are wanted in.
+        Index of the scan whose frame is used for the result.
     at_least
-        Every n-th hit is enough, as long as this many are left, where there are as many.
+        Only every n-th hit is returned, with the largest n that leaves at least this many.
     """
     total = 0
     for k in chosen:
@@ -221,7 +222,7 @@ def place_hits(
 def move_hits(
     points: FloatArray, normals: FloatArray, pose: tuple[float, float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return points (N, 2) and normals (N, 2) of a frame at a pose in the frame in which the pose is told."""
+    """Return points (N, 2) and normals (N, 2) transformed by a pose."""
     moved, turned = np.empty_like(points), np.empty_like(normals)
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     for i in range(len(points)):

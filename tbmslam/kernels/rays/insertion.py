@@ -1,6 +1,6 @@
-"""Evidence of beams, combined into the cells they pass and end in.
+"""Updates of the evidence of the cells that beams pass and end in.
 
-Cells are counted on the lattice of `tbmslam.belief.evidence_grid`: column floor(x / resolution), row
+Cells are indexed on the lattice of `tbmslam.belief.evidence_grid`: column floor(x / resolution), row
 floor(y / resolution).
 """
 
@@ -14,30 +14,30 @@ from tbmslam.kernels import FloatArray, kernel
 from tbmslam.kernels.rays.lattice import Lattice
 
 RATIO_LIMIT = 1e150
-"""Evidence beyond this is rescaled: nothing distinguishes it, and the product must not overflow."""
+"""Larger evidence is rescaled, so that products do not overflow; such evidence is certain."""
 
 
 class BeamFactors(NamedTuple):
-    """What one beam multiplies into a cell's evidence, or adds to it: first to a_F, then to a_O."""
+    """Factors by which one beam multiplies the evidence a_F and a_O of a cell, or summands."""
 
     hit: FloatArray
-    """(2,) for the cell a beam ends in."""
+    """(2,) for the end cell of a beam."""
     miss: FloatArray
-    """(2,) for a cell a beam passes."""
+    """(2,) for a passed cell."""
     blur: FloatArray
-    """(B, 2) for a passed cell whose squared distance to the end cell is the index [cells^2]."""
+    """(B, 2) for a passed cell near the end cell, indexed by their squared distance [cells^2]."""
     blur_radius_squared: float
-    """The square of the blur's length [cells^2]; beams no longer than that are not blurred."""
+    """The square of the length of the blur [cells^2]; shorter beams are not blurred."""
     adds: bool = False
-    """Whether the numbers are added, and not multiplied."""
+    """Whether the factors are summands."""
 
 
 @kernel
 def walk_beam(x0: float, y0: float, x1: float, y1: float, resolution: float, cells: npt.NDArray[np.int64]) -> int:
-    """Write the lattice cells (M, 2) as (row, col) that a beam touches, from its start to its end; return how many.
+    """Write the lattice cells (M, 2) as (row, col) that a beam touches, from its start to its end; return their number.
 
-    A 4-connected walk that steps to the neighbour whose centre lies nearer to the beam, and diagonally where both lie
-    equally near (vinySLAM). `cells` needs room for |rows| + |cols| + 2 entries.
+    The walk is 4-connected and steps to the neighbour with the nearer centre, or diagonally if both are equally near
+    (vinySLAM). `cells` needs |rows| + |cols| + 2 entries.
     """
     row, col = math.floor(y0 / resolution), math.floor(x0 / resolution)
     end_row, end_col = math.floor(y1 / resolution), math.floor(x1 / resolution)
@@ -61,7 +61,7 @@ def walk_beam(x0: float, y0: float, x1: float, y1: float, resolution: float, cel
                 row += row_step
             error = 0.0
         else:
-            # Nobody can predict which it is, so it is no branch.
+            # The processor could not predict a branch here.
             by_row = after_row < after_col
             row += row_step if by_row else 0
             col += 0 if by_row else col_step
@@ -73,7 +73,7 @@ def walk_beam(x0: float, y0: float, x1: float, y1: float, resolution: float, cel
 
 @kernel
 def _walk_bresenham(cells: npt.NDArray[np.int64], end_row: int, end_col: int) -> int:
-    """Write an 8-connected walk from `cells[0]` instead, for the rare beam whose 4-connected walk misses its end."""
+    """Write an 8-connected walk from `cells[0]`, for the rare beam whose 4-connected walk misses its end cell."""
     row, col = cells[0, 0], cells[0, 1]
     row_span, col_span = abs(end_row - row), abs(end_col - col)
     row_step = 1 if end_row > row else -1
@@ -102,33 +102,33 @@ def beams_of_scan(
     limits: tuple[float, float],
     clears: bool,
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
-    """Return the beams of a scan that say anything, as of `insert_beams`: starts, ends, which hit; and their corners.
+    """Return the usable beams of a scan for `insert_beams`, and the corners of their bounding box.
 
     Parameters
     ----------
     ranges
         Distances (N,), coded as in `LaserScan` [m].
     directions
-        That of the first beam, and the step between beams, in the laser's frame [rad].
+        Direction of the first beam, and the step between beams, in the laser's frame [rad].
     beam_step
         Motion of the laser from one beam to the next.
     pose
-        Where the laser was at the first beam.
+        Pose of the laser at the first beam.
     limits
-        A hit beyond the first only clears the way, and all ways end at the second [m].
+        Largest range of a hit, beyond which it only clears space, and largest range of cleared space [m].
     clears
-        Whether a beam that met nothing clears the way up to its limit.
+        Whether beams without a return clear the space up to their limit.
 
     Returns
     -------
-    Starts (1, 2) for all beams where the laser stayed, else (M, 2); ends (M, 2); which hit (M,); lower and upper corner
-    (2, 2) of all that.
+    Starts (M, 2), or (1, 2) if the laser did not move; ends (M, 2); whether each is a hit (M,); lower and upper corner
+    (2, 2).
     """
     starts, ends = np.empty((len(ranges), 2)), np.empty((len(ranges), 2))
     is_hit = np.empty(len(ranges), dtype=np.bool_)
     still = beam_step[0] == 0.0 and beam_step[1] == 0.0
     x, y, count = pose[0], pose[1], 0
-    # Directions are turned from beam to beam, as in `hit_points`.
+    # The direction rotates from beam to beam, as in `hit_points`.
     cosine, sine = math.cos(pose[2] + directions[0]), math.sin(pose[2] + directions[0])
     turn = directions[1] + beam_step[2]
     turn_cosine, turn_sine = math.cos(turn), math.sin(turn)
@@ -166,17 +166,17 @@ def insert_beams(
 ) -> None:
     """Combine the evidence of beams into `ratios` (rows, cols, 2), which must contain all of them.
 
-    Every beam updates each of its cells once: the end cell as hit (or as passed, for a beam that met nothing), the
-    others as passed, blurred towards the wall where a hit lies behind them.
+    Every beam updates each of its cells once: the end cell of a hit as hit, all other cells as passed. Passed cells
+    near a hit are blurred.
 
     Parameters
     ----------
     starts
-        Where the beams were sent from (N, 2) [m], or (1, 2) for all of them.
+        Origins of the beams (N, 2) [m], or (1, 2) for all beams.
     ends
-        The beams' end points (N, 2) [m].
+        End points of the beams (N, 2) [m].
     is_hit
-        Which beams (N,) met something.
+        Whether each beam (N,) is a hit.
     """
     resolution, first_row, first_col = lattice
     cells = np.empty((ratios.shape[0] + ratios.shape[1] + 2, 2), dtype=np.int64)
@@ -192,7 +192,7 @@ def insert_beams(
         if is_hit[beam]:
             _combine(ratios, end_row - first_row, end_col - first_col, hit_free, hit_occupied, adds)
             if blur_radius_squared < length_squared:
-                # The walk only comes nearer to its end, so the blurred cells are the last ones.
+                # The distance to the end decreases along the walk, so the blurred cells are the last ones.
                 while blurred > 0:
                     distance_squared = (cells[blurred - 1, 0] - end_row) ** 2 + (cells[blurred - 1, 1] - end_col) ** 2
                     if distance_squared >= blur_radius_squared:
@@ -221,10 +221,10 @@ def insert_scan(
     is_hit: npt.NDArray[np.bool_],
     factors: BeamFactors,
 ) -> None:
-    """Combine the evidence of a scan into `ratios`, once a cell: as hit if any beam ended there, or as passed.
+    """Combine the evidence of a scan into `ratios`, once for each cell: as hit if a beam hit it, else as passed.
 
-    Neighbouring beams are not independent witnesses of the cell they share, and beams that graze a wall must not erase
-    it. Parameters as of `insert_beams`; nothing is blurred.
+    Neighbouring beams in a cell are not independent, and beams that graze a wall must not erase it. The parameters are
+    those of `insert_beams`. There is no blur.
     """
     cells, is_end = touched_cells(starts, ends, is_hit, lattice.resolution)
     hit, miss, adds = factors.hit, factors.miss, factors.adds
@@ -240,9 +240,9 @@ def insert_scan(
 def touched_cells(
     starts: FloatArray, ends: FloatArray, is_hit: npt.NDArray[np.bool_], resolution: float
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
-    """Return the lattice cells (M, 2) as (row, col) that a scan speaks of, each once, and whether (M,) it was hit.
+    """Return the lattice cells (M, 2) as (row, col) that a scan touches, each once, and whether each is hit (M,).
 
-    Cells that beams ended in come first; `starts`, `ends` and `is_hit` as of `insert_beams`.
+    Hit cells come first. `starts`, `ends` and `is_hit` are those of `insert_beams`.
     """
     low_x, low_y, high_x, high_y = starts[0, 0], starts[0, 1], starts[0, 0], starts[0, 1]
     for points in (starts, ends):

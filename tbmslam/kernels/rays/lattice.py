@@ -1,4 +1,4 @@
-"""Where the array of a growing grid lies on the endless lattice of cells."""
+"""Position of the array of a growing grid on the infinite lattice of cells."""
 
 from typing import NamedTuple
 
@@ -10,4 +10,4 @@ class Lattice(NamedTuple):
     """Side of a cell [m]."""
     first_row: int
     first_col: int
-    """Lattice index of the array's cell (0, 0)."""
+    """Lattice index of cell (0, 0) of the array."""

@@ -1,4 +1,4 @@
-"""Exact ranges from a laser to wall segments, for simulated worlds."""
+"""Exact ranges from a laser to wall segments in simulated worlds."""
 
 import math
 
@@ -11,10 +11,10 @@ from tbmslam.kernels import FloatArray, kernel
 def cast_rays(
     walls: FloatArray, sensors: FloatArray, angle_min: float, angle_increment: float, limit: float, ranges: FloatArray
 ) -> None:
-    """Write the distance to the nearest wall along every beam of every scan; `inf` where none lies within `limit`.
+    """Write the distance to the nearest wall along every beam of every scan; `inf` if no wall lies within `limit`.
 
-    Like a depth buffer: each segment covers an interval of beams, and only those are compared with it. The beams must
-    span at most one full turn.
+    As in a depth buffer, each segment is only compared with the interval of beams that it covers. The beams must span
+    at most one full turn.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def cast_rays(
     angle_min, angle_increment
         Direction of the first beam and step between beams [rad]; the step may be negative.
     limit
-        Largest distance that is looked at [m].
+        Largest range [m].
     ranges
         Output (S, B) [m].
     """
@@ -65,7 +65,7 @@ def _out_of_reach(x0: float, y0: float, x1: float, y1: float, limit: float) -> b
 
 @kernel
 def _beside(x0: float, y0: float, x1: float, y1: float, edges: tuple[float, float, float, float]) -> bool:
-    """Tell whether a segment lies wholly to the right of the rightmost beam, or to the left of the leftmost one."""
+    """Return whether a segment lies entirely right of the rightmost beam or left of the leftmost beam."""
     low_x, low_y, high_x, high_y = edges
     return (low_x * y0 < low_y * x0 and low_x * y1 < low_y * x1) or (
         high_x * y0 > high_y * x0 and high_x * y1 > high_y * x1
@@ -84,20 +84,20 @@ def _cover(
     sines: FloatArray,
     nearest: FloatArray,
 ) -> None:
-    """Compare the beams between the ends of one segment, in the sensor's frame, with that segment."""
+    """Update the ranges of the beams that one segment, in the sensor's frame, covers."""
     cross = x0 * y1 - y0 * x1
     span = math.atan2(cross, x0 * x1 + y0 * y1)
     if span == 0.0:
         return
     step = abs(angle_increment)
-    # The end that the beams meet first, as the angle turned from the first beam to it, within [0, 2 pi).
+    # Angle from the first beam to the end of the segment that the beams meet first, in [0, 2 pi).
     first_angle = math.atan2(y0, x0) if (span > 0.0) == (angle_increment > 0.0) else math.atan2(y1, x1)
     turned = (first_angle - angle_min) * (1.0 if angle_increment > 0.0 else -1.0)
     turned %= 2.0 * math.pi
-    # The line is normal . p = offset, so the beam in direction d meets it at offset / (normal . d).
+    # The line is normal . p = offset, so a beam in direction d meets it at range offset / (normal . d).
     normal_x, normal_y = y1 - y0, x0 - x1
-    for _ in range(2):  # the second time a full turn earlier: a segment that lies across the first beam
-        # The slack closes the gap that rounding would leave where two segments meet.
+    for _ in range(2):  # a full turn earlier the second time, for a segment across the first beam
+        # The tolerance closes the gaps between touching segments that rounding would leave.
         first = max(0, math.ceil(turned / step - 1e-7))
         last = min(len(nearest) - 1, math.floor((turned + abs(span)) / step + 1e-7))
         for beam in range(first, last + 1):

@@ -1,4 +1,4 @@
-"""Every shift and turn of points over a field of what they gain in each cell, at once."""
+"""Correlative scan matching: the score of points for every rotation and translation over a grid of scores."""
 
 import math
 
@@ -15,18 +15,18 @@ Sums = npt.NDArray[np.int32]
 
 
 WALL = 100
-"""What a point on a wall gains."""
+"""Score of a point on a wall."""
 
 SHORT_SUM = 255
-"""Points whose sum fits into 16 bits, whatever they gain."""
+"""Number of points whose sum of scores always fits into 16 bits."""
 
 
 @kernel
 def search_field(counts: Counts, free_penalty: float) -> GainField:
-    """Return what a point gains in every cell (rows, cols): `WALL` on walls and next to them, less where it is free.
+    """Return the score of a point in every cell (rows, cols), from counts as in `count_scans`.
 
-    A cell is a wall where any scan hit it, and free where two scans passed it: counts as in `count_scans`. A point in
-    free space loses `free_penalty` times what it gains on a wall; where nothing is known it gains nothing.
+    The score is `WALL` in cells that a scan hit and in their neighbours, -`free_penalty` * `WALL` in cells that two
+    scans passed, and 0 elsewhere.
     """
     rows, cols = counts.shape
     field = np.zeros((rows, cols), dtype=np.int8)
@@ -46,7 +46,7 @@ def search_field(counts: Counts, free_penalty: float) -> GainField:
 
 @kernel
 def coarser_field(field: GainField, lattice: Lattice) -> tuple[GainField, Lattice]:
-    """Return a field of cells twice as large, each with the largest value in it, and its lattice."""
+    """Return a field with cells of twice the size, each with the maximum of its cells, and its lattice."""
     resolution, first_row, first_col = lattice
     rows, cols = field.shape
     top, left = first_row // 2, first_col // 2
@@ -61,7 +61,7 @@ def coarser_field(field: GainField, lattice: Lattice) -> tuple[GainField, Lattic
 
 @kernel
 def share_in_free_space(field: GainField, lattice: Lattice, points: FloatArray, pose: Pose) -> float:
-    """Return the share of points (N, 2) placed by a pose that lie where the field is negative."""
+    """Return the share of points (N, 2), transformed by a pose, that lie in cells with a negative score."""
     resolution, first_row, first_col = lattice
     rows, cols = field.shape
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
@@ -76,10 +76,10 @@ def share_in_free_space(field: GainField, lattice: Lattice, points: FloatArray, 
 
 @kernel
 def top_places(sums: Sums, cost: float, clear: int, count: int) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Return the largest sums (count,), best first, and their places (count, 3): turn, row, column.
+    """Return the largest sums (count,), best first, and their indices (count, 3): turn, row, column.
 
-    Each cell away from the centre costs `cost`. Places are more than `clear` cells apart along an axis; where there are
-    no more of them the sum is -inf.
+    The sum decreases by `cost` per cell of distance from the centre. The indices are more than `clear` cells apart
+    along an axis. If fewer exist, the remaining sums are -inf.
     """
     turns, width, _ = sums.shape
     reach = width // 2
@@ -111,18 +111,18 @@ def top_places(sums: Sums, cost: float, clear: int, count: int) -> tuple[FloatAr
 def correlate(
     field: GainField, lattice: Lattice, points: FloatArray, guess: Pose, turns: FloatArray, reach: int
 ) -> Sums:
-    """Return the sum of the field under points (N, 2) for every turn and every shift by whole cells.
+    """Return the sum of the field at points (N, 2) for every turn and every shift by whole cells.
 
-    Outside the field counts as zero.
+    The field is zero outside its cells.
 
     Parameters
     ----------
     field
         Values (rows, cols) of the cells.
     guess
-        Pose of the points' frame that is turned and shifted.
+        Initial pose of the points' frame.
     turns
-        Turns (K,) about the guess [rad].
+        Turns (K,) relative to the guess [rad].
     reach
         Largest shift along an axis [cells].
 
@@ -133,7 +133,7 @@ def correlate(
     resolution, first_row, first_col = lattice
     rows, cols = field.shape
     width, margin = 2 * reach + 1, blocks_for(reach)
-    # The field gets a border that spares all questions.
+    # A border of zeros makes checks of single points unnecessary.
     wide = np.zeros((rows + 2 * margin, cols + 2 * margin), dtype=np.int8)
     for row in range(rows):
         for col in range(cols):

@@ -1,4 +1,4 @@
-"""The best of many places, each somewhere else."""
+"""Non-maximum suppression of poses."""
 
 import math
 
@@ -7,18 +7,16 @@ from tbmslam.kernels import FloatArray, IntArray, kernel
 
 @kernel
 def distinct_places(poses: FloatArray, ranked: IntArray, apart_m: float, apart_rad: float, kept: IntArray) -> int:
-    """Fill ``kept`` with the best of places that are near no better one; return how many these are.
+    """Write the indices of the best poses that have no better pose nearby into ``kept`` (K,); return their number.
 
-    Places nearer to each other than both limits are one.
+    Poses nearer to each other than both limits count as one pose.
 
     Parameters
     ----------
     poses
-        Their poses (N, 3) [m, m, rad].
+        Poses (N, 3) [m, m, rad].
     ranked
-        Their indices (N,), the best first.
-    kept
-        Room (K,) for the indices of as many as are wanted.
+        Indices (N,) of the poses, best first.
     """
     found = 0
     for index in ranked:

@@ -1,4 +1,4 @@
-"""Places of one map matched to places of another: how many matches could be right together."""
+"""Consistency of matches between the places of two maps."""
 
 import math
 
@@ -11,23 +11,23 @@ from tbmslam.kernels import FloatArray, IntArray, kernel
 def common_weight(
     places: FloatArray, others: FloatArray, matched: IntArray, weights: FloatArray, tolerance: float, nearest: float
 ) -> float:
-    """Return the weight of the largest set of matches that keep the distances between places.
+    """Return the weight of the largest set of matches that preserve the distances between places.
 
-    It is the largest eigenvalue of the matrix of matches that agree two by two (Leordeanu and Hebert 2005, section 2),
-    by `_ROUNDS` of the power iteration.
+    It is the largest eigenvalue of the matrix of pairwise consistent matches (Leordeanu and Hebert 2005, section 2), by
+    `_ROUNDS` power iterations.
 
     Parameters
     ----------
     places, others
         Places (P, 2) of one map and (Q, 2) of another [m].
     matched
-        For each place of the first map its match among the others (P,).
+        Index (P,) of the match of each place among the others.
     weights
-        How likely each match is right (P,).
+        Probability (P,) that each match is right.
     tolerance
-        Distances that differ by less agree [m].
+        Largest difference between consistent distances [m].
     nearest
-        Two places nearer to each other than this look alike by themselves, and say nothing [m].
+        Least distance between two places; nearer places look alike and carry no information [m].
     """
     count = len(places)
     agreeing = np.zeros((count, count))

@@ -1,4 +1,4 @@
-"""What is seen of a place whatever the frame: how far apart its surfaces are, and how they face each other."""
+"""Descriptors of places that do not depend on the frame: distances and angles between pairs of surface points."""
 
 import math
 
@@ -10,12 +10,12 @@ from tbmslam.kernels import FloatArray, IntArray, kernel, summing_kernel
 Signatures = npt.NDArray[np.float32]
 
 FACINGS = 5
-"""Classes of the angle between two surfaces, from face to face over square to side by side."""
+"""Classes of the angle between two normals, from opposite to equal."""
 
 
 @kernel
 def spread_points(points: FloatArray, cell: float, most: int) -> IntArray:
-    """Return indices of points (N, 2): the first in each cell of a lattice, and at most so many, evenly chosen."""
+    """Return indices of points (N, 2): the first point in each cell of a lattice, thinned evenly to at most `most`."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.int64)
     cols, rows = np.floor(points[:, 0] / cell), np.floor(points[:, 1] / cell)
@@ -37,10 +37,10 @@ def spread_points(points: FloatArray, cell: float, most: int) -> IntArray:
 
 @kernel
 def pair_signature(points: FloatArray, normals: FloatArray, width: float, bins: int) -> FloatArray:
-    """Return the square roots of the shares of pairs of points (N, 2) by distance and facing, a vector of length 1.
+    """Return the square roots of a histogram of pairs of points (N, 2) by distance and angle, a vector of length 1.
 
-    Neither turning nor shifting the points changes it. Bins of a distance are `width` wide, pairs beyond the last are
-    left out; each has `FACINGS` classes of the cosine between both normals (N, 2).
+    It is invariant to rotations and translations of the points. The bins of the distance are `width` wide; pairs beyond
+    the last bin are ignored. Each bin has `FACINGS` classes of the cosine between the two normals (N, 2).
     """
     shares = np.zeros(bins * FACINGS)
     pairs = 0
@@ -60,7 +60,7 @@ def pair_signature(points: FloatArray, normals: FloatArray, width: float, bins: 
 def all_products(signatures: Signatures, others: Signatures) -> Signatures:
     """Return the inner products (P, Q) of signatures (P, B) and (Q, B).
 
-    A library's product of matrices would start threads, which cost far more than such small ones do.
+    A matrix product of a library would start threads, which costs far more for such small matrices.
     """
     products = np.empty((len(signatures), len(others)), dtype=np.float32)
     for i in range(len(signatures)):

@@ -1,4 +1,4 @@
-"""How well a scan at a pose agrees with a grid of evidence, and the original's searches for the best pose."""
+"""Agreement of a scan with a grid of evidence, and the pose searches of the original vinySLAM."""
 
 import math
 
@@ -8,11 +8,11 @@ from tbmslam.kernels.rays.lattice import Lattice
 
 @kernel
 def impact_at(ratios: FloatArray, row: int, col: int, disjunctive: bool = False) -> float:
-    """Return how well a cell agrees with a certain hit, in [0, 1].
+    """Return the agreement of a cell with a certain hit, in [0, 1].
 
-    With masses u, f, o it is 1 - (u/4 + (1 - u/2) (f + 1 - o)/2): the ignorance, and the conflict and difference that
-    combining the cell with a certain hit would give (vinySLAM); 0.5 where nothing is known. `disjunctive`: it is o, the
-    mass that both give to OCCUPIED by the disjunctive rule; 0 where nothing is known.
+    For masses u, f, o it is 1 - (u/4 + (1 - u/2) (f + 1 - o)/2) (vinySLAM). This combines the ignorance with the
+    conflict and the difference that a certain hit would cause in the cell. It is 0.5 in unknown cells. With
+    `disjunctive` it is o, the mass on OCCUPIED by the disjunctive rule, and 0 in unknown cells.
     """
     if row < 0 or col < 0 or row >= ratios.shape[0] or col >= ratios.shape[1]:
         return 0.0 if disjunctive else 0.5
@@ -33,7 +33,7 @@ def weighted_impact(
     pose: Pose,
     disjunctive: bool = False,
 ) -> float:
-    """Return the weighted sum of `impact_at` over points (N, 2) [m] placed by the pose of their frame."""
+    """Return the weighted sum of `impact_at` over points (N, 2) [m], transformed by the pose of their frame."""
     resolution, first_row, first_col = lattice
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
@@ -57,7 +57,7 @@ def search_monte_carlo(
     offsets: FloatArray,
     disjunctive: bool = False,
 ) -> tuple[int, float]:
-    """Return the index of the first of `pose` + `offsets` (K, 3) that scores better, and its score; -1 if none."""
+    """Return the index of the first of `pose` + `offsets` (K, 3) with a better score, and this score; -1 if none."""
     x, y, theta = pose
     for k in range(len(offsets)):
         candidate = (x + offsets[k, 0], y + offsets[k, 1], theta + offsets[k, 2])
@@ -81,9 +81,9 @@ def climb_hill(
 ) -> tuple[float, float, float, float, int]:
     """Climb to a local maximum along the axes; return x, y, theta, score and the number of poses scored.
 
-    Rounds of six candidates around the round's start, (+x, -y, +theta, -x, +y, -theta); the best one becomes the next
-    start. A round without improvement halves the steps (length [m], angle [rad]); `halvings` such rounds end it.
-    `try_once_more` scores one more candidate, +x, after that, as the original program does.
+    Each round scores six candidates around its start (+x, -y, +theta, -x, +y, -theta) and continues from the best. A
+    round without improvement halves the steps (length [m], angle [rad]). The search ends after `halvings` such rounds.
+    `try_once_more` then scores +x once more, as the original program does.
     """
     best_x, best_y, best_theta = pose
     best_score = weighted_impact(ratios, lattice, points, weights, pose, disjunctive)

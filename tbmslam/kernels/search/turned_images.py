@@ -1,4 +1,4 @@
-"""Points turned about and drawn into images that are correlated by Fourier transforms."""
+"""Images of rotated points, and their correlation by Fourier transforms."""
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +21,11 @@ def draw_turned(
     cell: float,
     images: Image,
 ) -> None:
-    """Draw turned walls and free space into ``images`` (2, rows, cols) about their cell (0, 0).
+    """Draw rotated walls and free space into ``images`` (2, rows, cols) around their cell (0, 0).
 
-    The first image gets which way walls face, ``facing`` (N,) times a weight, turned; the second their ``metres`` (N,)
-    as real part and the shares ``filled`` (M,) of free cells, 1 at the most, as imaginary part. What is left of cell
-    (0, 0) or below it comes in from behind.
+    The first image receives the rotated and weighted normals ``facing`` (N,) of the walls. The second image receives
+    their lengths ``metres`` (N,) as real part, and the shares ``filled`` (M,) of free cells, at most 1, as imaginary
+    part. Negative rows and columns wrap around.
     """
     images[:] = 0.0
     rows, cols = _cells(walls, turn, cell, images)
@@ -43,7 +43,7 @@ def draw_turned(
 
 @kernel
 def _cells(points: Points, turn: complex, cell: float, images: Image) -> tuple[IntArray, IntArray]:
-    """Return the rows and the columns (N,) of the cells that points lie in once they are turned."""
+    """Return the rows and the columns (N,) of the cells of rotated points."""
     count, height, width = len(points), images.shape[1], images.shape[2]
     rows, cols = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     for index in range(count):
@@ -56,7 +56,7 @@ def _cells(points: Points, turn: complex, cell: float, images: Image) -> tuple[I
 
 @kernel
 def _wrapped(index: int, size: int) -> int:
-    """Return the remainder; where it takes one addition, by that, as a division takes ten times as long."""
+    """Return the remainder, by one addition if possible: a division takes ten times as long."""
     index += size if index < 0 else 0
     return index if 0 <= index < size else index % size
 
@@ -68,10 +68,9 @@ def _turned(point: complex, turn: complex) -> tuple[float, float]:
 
 @kernel
 def multiply(first: Image, first_target: Image, second: Image, second_target: Image, half: Image) -> None:
-    """Put the sum of two spectra's products into ``half`` (rows, cols // 2 + 1), of which only the real part matters.
+    """Write the sum of two correlations, as the half spectrum of its real part, into ``half`` (rows, cols // 2 + 1).
 
-    Each spectrum is conjugated and multiplied with its target's, all (rows, cols). ``half`` is the part with the
-    frequencies from 0 upwards of that spectrum whose inverse is the real part of the sum's. ``first`` is lost.
+    Each spectrum (rows, cols) is conjugated and multiplied with the spectrum of its target. ``first`` is overwritten.
     """
     rows, cols = first.shape
     for row in range(rows):
@@ -87,9 +86,9 @@ def multiply(first: Image, first_target: Image, second: Image, second_target: Im
 
 @kernel
 def block_peaks(scores: Scores, side: int, values: Scores, rows: IntArray, cols: IntArray) -> None:
-    """Put the best score of each whole block, and where it is, into ``values``, ``rows`` and ``cols`` (B,).
+    """Write the best score of each complete block, its row and its column into ``values``, ``rows`` and ``cols`` (B,).
 
-    Blocks have ``side`` by ``side`` cells and come row by row; of equal scores the first one counts.
+    Blocks have ``side`` by ``side`` cells and are ordered row by row. Of equal scores the first is taken.
     """
     down, across = scores.shape[0] // side, scores.shape[1] // side
     for block_row in range(down):

@@ -1,4 +1,4 @@
-"""Windows of cells added up: the same points seen under every shift at once."""
+"""Sums of windows of cells: the scores of points for all shifts at once."""
 
 import numpy as np
 import numpy.typing as npt
@@ -6,12 +6,12 @@ import numpy.typing as npt
 from tbmslam.kernels import kernel
 
 BLOCK = 16
-"""Cells that are added at once; windows are whole blocks wide."""
+"""Number of cells that are added at once; the width of a window is a multiple of it."""
 
 
 @kernel
 def blocks_for(reach: int) -> int:
-    """Return how many cells wide a window is that holds every shift by up to `reach` cells, in whole blocks."""
+    """Return the width of a window for all shifts by up to `reach` cells, a multiple of the block [cells]."""
     return -(-(2 * reach + 1) // BLOCK) * BLOCK
 
 
@@ -26,13 +26,13 @@ def add_window(
     cells
         All cells, row by row.
     first
-        The one in the window's lowest corner.
+        Index of the cell in the lowest corner of the window.
     stride
-        Cells in a row of all.
+        Number of cells in a row of `cells`.
     rows, cols
         Size of the window.
     """
-    # Negative indices count from the end. Unsigned ones need no check for that, so the loop is vectorised.
+    # Unsigned indices need no check for negative values, so the loop is vectorised.
     there, here = np.uint64(first), np.uint64(0)
     for _ in range(rows):
         for col in range(np.uint64(cols)):

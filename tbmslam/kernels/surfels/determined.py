@@ -1,4 +1,4 @@
-"""How much of a pose a measurement determined, and how much of it a guess did."""
+"""Share of a pose that a measurement determines, as opposed to its prior."""
 
 import math
 
@@ -12,10 +12,10 @@ from tbmslam.kernels import kernel
 def determined_shares(
     information: npt.NDArray[np.float64], deviations: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return how much, in [0, 1], of each coordinate of a pose a measurement determines against a guess.
+    """Return the share, in [0, 1], of each coordinate of a pose that a measurement determines rather than the prior.
 
-    That is the diagonal of (H + P^-1)^-1 H = I - (H + P^-1)^-1 P^-1, the gain of a Kalman filter, with the
-    measurement's information H (3, 3) and the guess's covariance P, of which `deviations` (3,) are the roots.
+    It is the diagonal of (H + P^-1)^-1 H = I - (H + P^-1)^-1 P^-1, the gain of a Kalman filter, with the information
+    H (3, 3) of the measurement and the prior covariance P, the squares of `deviations` (3,).
     """
     pa, pb, pc = deviations[0] ** -2.0, deviations[1] ** -2.0, deviations[2] ** -2.0
     a, b, c = information[0, 0] + pa, information[1, 1] + pb, information[2, 2] + pc
@@ -44,23 +44,23 @@ def determined_of_robot(
 def prior_information(
     deviations: tuple[float, float, float], heading: float, mount: tuple[float, float, float]
 ) -> npt.NDArray[np.float64]:
-    """Return the information (3, 3) of the laser's pose in the map's frame.
+    """Return the prior information (3, 3) of the laser's pose in the map's frame.
 
     Parameters
     ----------
     deviations
-        Of the robot's pose along, across [m] and in heading [rad].
+        Standard deviations of the robot's pose along, across [m] and in heading [rad].
     heading
-        Of the robot in the map [rad].
+        Heading of the robot in the map [rad].
     mount
-        Pose of the laser on the robot: a robot that turns moves it.
+        Pose of the laser on the robot.
     """
     cosine, sine = math.cos(heading), math.sin(heading)
     along, across, turn = deviations[0] ** -2.0, deviations[1] ** -2.0, deviations[2] ** -2.0
     xx = along * cosine * cosine + across * sine * sine
     xy = (along - across) * cosine * sine
     yy = along * sine * sine + across * cosine * cosine
-    # The robot's x and y are those of the laser, less what the lever turns by: x = x' + ly t, y = y' - lx t.
+    # The position of the robot is that of the laser minus the rotation of the lever: x = x' + ly t, y = y' - lx t.
     lx, ly = cosine * mount[0] - sine * mount[1], sine * mount[0] + cosine * mount[1]
     xt, yt = xx * ly - xy * lx, xy * ly - yy * lx
     return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, turn + ly * xt - lx * yt]])
@@ -70,9 +70,9 @@ def prior_information(
 def seen_by_robot(
     information: npt.NDArray[np.float64], heading: float, mount: tuple[float, float, float]
 ) -> npt.NDArray[np.float64]:
-    """Return an information (3, 3) of the laser's pose in the map's frame as one of the robot's pose in its own frame.
+    """Convert information (3, 3) of the laser's pose in the map's frame to the robot's pose in its own frame.
 
-    `heading` [rad] and `mount` are as for `prior_information`, which is the opposite.
+    This is the opposite of `prior_information`, with the same `heading` [rad] and `mount`.
     """
     cosine, sine = math.cos(heading), math.sin(heading)
     lx, ly = cosine * mount[0] - sine * mount[1], sine * mount[0] + cosine * mount[1]

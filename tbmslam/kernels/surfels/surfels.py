@@ -1,9 +1,8 @@
-"""Surface elements: what the hits around a cell say about the wall there, and the alignment of a scan with them.
+"""Surface elements (surfels), fitted to the hits around each cell.
 
-The two faces of a thin wall must not be taken for each other, so surfaces are kept in two layers by the way they face.
-Most cells of a map hold no wall, so cells come in tiles of `SIDE` by `SIDE` and only tiles with hits, or next to some,
-have moments and surfels; tile 0 is nobody's and stays empty. Hits only add to the moments; a surfel is fitted when it
-is asked for.
+The two faces of a thin wall must not be confused, so surfaces are stored in two layers by the direction of their
+normal. Most cells contain no wall. Cells are therefore grouped into tiles of `SIDE` by `SIDE`, and only tiles near hits
+have moments and surfels. Tile 0 is unused and stays empty. Hits update the moments only; a surfel is fitted on demand.
 """
 
 import math
@@ -18,47 +17,47 @@ from tbmslam.kernels.rays.lattice import Lattice
 SurfelArray = npt.NDArray[np.float32]
 TileIndex = npt.NDArray[np.int32]
 Cells = npt.NDArray[np.int32]
-"""Row, column and layer (N, 3) of the cells that hits lie in."""
+"""Row, column and layer (N, 3) of the cells of hits."""
 SIDE = 4
-"""Cells along a side of a tile."""
+"""Side of a tile [cells]."""
 CELLS = SIDE * SIDE
 TILE_BITS, IN_TILE = SIDE.bit_length() - 1, SIDE - 1
-"""A cell's row in tiles is its row shifted right by the one, and its row in its tile the row masked by the other."""
+"""The row of a cell, shifted right by `TILE_BITS`, is the row of its tile; masked by `IN_TILE`, the row in the tile."""
 FACING = (0.7986, 0.6018)
-"""Surfaces whose normal points along this belong to layer 1; oblique to the walls of a building that lies square."""
+"""Surfaces with normals in this half plane belong to layer 1; it is oblique to walls along the axes of the map."""
 
 
 class Surfels(NamedTuple):
-    """The arrays of a surfel map; a cell with hits has two more cells on every side."""
+    """The arrays of a surfel map; at least two cells lie beside a cell with hits on every side."""
 
     tiles: TileIndex
-    """(2, rows / SIDE, cols / SIDE): the number of each layer's tile. Its cells' slots follow one another."""
+    """Numbers (2, rows / SIDE, cols / SIDE) of the tiles of each layer. A tile's cells have consecutive slots."""
     moments: SurfelArray
-    """(slots, 6): count of a cell's hits, sums of x and y, and of x^2, x y and y^2, from its centre [cells]."""
+    """(slots, 6): number of hits in a cell, sums of x, y, x^2, x y and y^2 from its centre [cells]."""
     fits: SurfelArray
-    """(slots, 8): mean x and y [m] of the hits in a cell and around it, information xx, xy, yy of an offset from it
-    [1/m^2], and a weight: in [0, 1], zero where there is no surface, negative where hits came after the fit. Two more
-    that mean nothing, since eight numbers are fetched from memory at once."""
+    """(slots, 8): mean x and y [m] of the hits in a cell and around it, information xx, xy, yy of an offset from the
+    mean [1/m^2], and a weight. The weight is in [0, 1], zero without a surface, and negative if hits were added after
+    the fit. Two unused numbers align the rows with the memory."""
     lattice: Lattice
     limits: tuple[float, float, float, float]
-    """Noise of a hit [m], size up to which an element counts as a point [m], thickness beyond which it is clutter [m],
-    and number of hits that make an element certain."""
+    """Noise of a hit [m], largest size of a point [m], largest thickness of a surface [m], and number of hits of a
+    certain surfel."""
 
 
 SurfelArrays = tuple[TileIndex, SurfelArray, SurfelArray, tuple[float, int, int], tuple[float, float, float, float]]
-"""The fields of a `Surfels` as plain tuples, which come into a kernel in a quarter of the time."""
+"""The fields of a `Surfels` as plain tuples, which are passed to a kernel in a quarter of the time."""
 
 
 @kernel
 def layer_of(normal_x: float, normal_y: float) -> int:
-    """Return the layer of a surface by its normal in the map's frame."""
+    """Return the layer of a surface from its normal in the map's frame."""
     return 1 if normal_x * FACING[0] + normal_y * FACING[1] > 0.0 else 0
 
 
 @kernel
 def slot_of(tiles: TileIndex, layer: int, row: int, col: int) -> np.uint32:
-    """Return a cell's slot; one below `CELLS` is nobody's."""
-    # Negative indices count from the end. Unsigned ones need no check for that.
+    """Return the slot of a cell; slots below `CELLS` belong to the unused tile."""
+    # Unsigned indices need no check for negative values.
     tile = tiles[np.uint32(layer), np.uint32(row >> TILE_BITS), np.uint32(col >> TILE_BITS)]
     return np.uint32(tile * CELLS + (row & IN_TILE) * SIDE + (col & IN_TILE))
 
@@ -77,9 +76,9 @@ def extent(points: FloatArray) -> tuple[float, float, float, float]:
 def cells_of(
     points: FloatArray, normals: FloatArray, pose: Pose, lattice: tuple[float, int, int]
 ) -> tuple[Cells, FloatArray]:
-    """Return the cells (N, 3) of hits (N, 2) [m] of a frame at a pose, and how far they lie from the centres (N, 2).
+    """Return the cells (N, 3) of hits (N, 2) [m] of a frame at a pose, and their offsets from the centres (N, 2).
 
-    `normals` (N, 2) are those of the surfaces hit, towards the laser, in the same frame.
+    `normals` (N, 2) are the normals of the surfaces, towards the laser, in the same frame.
     """
     resolution, first_row, first_col = lattice
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
@@ -97,7 +96,7 @@ def cells_of(
 
 @kernel
 def claim_tiles(tiles: TileIndex, used: int, cells: Cells) -> int:
-    """Give numbers from `used` on to the tiles that hits in cells (N, 3) need, and return how many are in use then."""
+    """Assign numbers from `used` on to the tiles that hits in cells (N, 3) need; return the number of used tiles."""
     last_row, last_col, last_layer = -1, -1, -1
     for i in range(len(cells)):
         row, col, layer = cells[i, 0], cells[i, 1], cells[i, 2]
@@ -125,7 +124,7 @@ def _claim_tile(tiles: TileIndex, layer: int, row: int, col: int, used: int) -> 
 
 @kernel
 def add_hits(surfels: SurfelArrays, cells: Cells, offsets: FloatArray) -> None:
-    """Add hits as `cells_of` returns them, whose tiles have been claimed and have room."""
+    """Add hits in the form of `cells_of`; their tiles must be claimed and allocated."""
     tiles, moments, fits, _, _ = surfels
     last_row, last_col, last_layer, slot = -1, -1, -1, np.uint32(0)
     for i in range(len(cells)):
@@ -147,10 +146,10 @@ def add_hits(surfels: SurfelArrays, cells: Cells, offsets: FloatArray) -> None:
 
 @kernel
 def insert_hits(surfels: SurfelArrays, used: int, points: FloatArray, normals: FloatArray, pose: Pose) -> int:
-    """Add hits (N, 2) [m] and their normals (N, 2) of a frame at a pose, if the arrays hold them.
+    """Add hits (N, 2) [m] and their normals (N, 2) of a frame at a pose, if the arrays are large enough.
 
-    Returns how many tiles are in use then; as long as these have no room, nothing was added. -1 where hits lie outside
-    the lattice, or within two cells of its border.
+    Returns the number of tiles in use. If the arrays have fewer tiles, no hit was added. Returns -1 if hits lie outside
+    the lattice or within two cells of its border.
     """
     tiles, moments, _, lattice, _ = surfels
     cells, offsets = cells_of(points, normals, pose, lattice)
@@ -166,7 +165,7 @@ def insert_hits(surfels: SurfelArrays, used: int, points: FloatArray, normals: F
 
 @kernel
 def fit_surfel(surfels: SurfelArrays, layer: int, row: int, col: int) -> None:
-    """Fit one surfel to the hits of its cell and the eight around it."""
+    """Fit one surfel to the hits of its cell and of the eight cells around it."""
     tiles, moments, fits, lattice, limits = surfels
     resolution, first_row, first_col = lattice
     noise, point_size, clutter, certain_count = limits
@@ -200,7 +199,7 @@ def fit_surfel(surfels: SurfelArrays, layer: int, row: int, col: int) -> None:
     thick, thin = max(middle + spread, 0.0), max(middle - spread, 0.0)
     across = 1.0 / (thin + noise * noise)
     along = 1.0 / (thick + noise * noise) if thick < point_size * point_size else 0.0
-    # The larger variance runs along the wall: t t^T = (1 + D) / 2 with D = (C - middle) / spread, n n^T = (1 - D) / 2.
+    # The larger variance is along the wall: t t^T = (1 + D) / 2 with D = (C - middle) / spread, n n^T = (1 - D) / 2.
     cosine, sine = (half / spread, xy / spread) if spread > 0.0 else (1.0, 0.0)
     mean, difference = 0.5 * (across + along), 0.5 * (across - along)
     fit[0] = (first_col + col + 0.5 + mx) * resolution

@@ -79,9 +79,9 @@ def test_the_last_that_were_laid_are_those_of_the_same_targets(targets_of):
 def test_ways_lead_over_what_was_met(targets_of):
     poses, targets = targets_of()
     targets.advance(42)
-    assert targets.ways(42)[0] == pytest.approx(38.0, abs=0.5)
+    assert targets.path_lengths(42)[0] == pytest.approx(38.0, abs=0.5)
     targets.note(42, [0])
-    assert targets.ways(43)[0] == pytest.approx(1.5, abs=0.1)
+    assert targets.path_lengths(43)[0] == pytest.approx(1.5, abs=0.1)
     assert len(poses) == 120
 
 
@@ -89,7 +89,7 @@ def test_ways_lead_back_along_the_drive():
     graph = DriftGraph()
     for travelled in (4.0, 8.0, 12.0):
         graph.add_place(travelled)
-    assert graph.ways_from(30.0).tolist() == [26.0, 22.0, 18.0]
+    assert graph.paths_from(30.0).tolist() == [26.0, 22.0, 18.0]
 
 
 def test_meeting_a_place_makes_all_ways_over_it_short():
@@ -97,7 +97,7 @@ def test_meeting_a_place_makes_all_ways_over_it_short():
     for travelled in (4.0, 8.0, 12.0):
         graph.add_place(travelled)
     graph.meet(0, 50.0)
-    assert graph.ways_from(51.0).tolist() == [1.5, 5.5, 9.5]
+    assert graph.paths_from(51.0).tolist() == [1.5, 5.5, 9.5]
 
 
 def test_a_stretch_between_two_meetings_joins_their_places():
@@ -107,7 +107,7 @@ def test_a_stretch_between_two_meetings_joins_their_places():
     graph.meet(0, 200.0)
     graph.meet(1, 210.0)
     graph.meet(0, 300.0)
-    assert graph.ways_from(300.0).tolist() == [0.5, 0.5 + 11.0]
+    assert graph.paths_from(300.0).tolist() == [0.5, 0.5 + 11.0]
 
 
 def test_a_place_learnt_of_later_lies_where_it_was_passed():
@@ -116,7 +116,7 @@ def test_a_place_learnt_of_later_lies_where_it_was_passed():
     graph.meet(0, 100.0)
     late = graph.add_place(94.0)
     assert late == 1
-    assert graph.ways_from(100.0).tolist() == [0.5, 0.5 + 6.5]
+    assert graph.paths_from(100.0).tolist() == [0.5, 0.5 + 6.5]
 
 
 def test_memory_grows_with_the_places_not_with_the_rounds():
@@ -126,7 +126,7 @@ def test_memory_grows_with_the_places_not_with_the_rounds():
     for travelled in range(40, 40040, 4):
         graph.meet(travelled // 4 % 10, float(travelled))
     assert len(graph._edges) == 10
-    assert graph.ways_from(40036.0).max() <= 0.5 + 5 * 5.0
+    assert graph.paths_from(40036.0).max() <= 0.5 + 5 * 5.0
 
 
 def test_drift_is_that_of_the_composed_motions(generator):

@@ -5,42 +5,42 @@ from tbmslam.geometry.se2 import SE2, compose
 from tbmslam.kernels.adjustment.motion_systems import motion_equations
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem
 from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
-from tbmslam.optimisation.pose_solver import PoseSolver, bends_of, motions_of
+from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
 
 COUNT = 20
 
 
-def test_what_is_solved_is_as_near_to_the_right_side_as_asked(generator):
+def test_the_residual_is_as_small_as_requested(generator):
     poses = np.cumsum(generator.normal(0.0, 0.3, (COUNT, 3)), axis=0)
     edges = [MotionEdge(k, k + 1, SE2(0.3, 0.0, 0.1), np.diag([4e2, 3e2, 9e2])) for k in range(COUNT - 1)]
     motions = motions_of(edges, [], 1.0, np.arange(COUNT), np.zeros((COUNT, 3)))
     own, between, _ = motion_equations(motions, poses)
     nothing = np.zeros(0, dtype=np.int64)
     lines = LineSystem(np.zeros((0, 3, 2)), np.zeros((0, 3)), nothing, np.zeros(1, dtype=np.int64))
-    solver = PoseSolver(PoseSystem(own + np.eye(3), lines, between), poses, bends_of([0, COUNT]), 1e-8)
+    solver = PoseSolver(PoseSystem(own + np.eye(3), lines, between), poses, coarse_space_of([0, COUNT]), 1e-8)
     for _ in range(2):
         side = generator.normal(size=(COUNT, 3))
-        solved = solver.solved(side)
+        solved = solver.solve(side)
         np.testing.assert_allclose(solver.curved(solved), side, atol=1e-6)
         assert np.abs(solved).max() > 1e-3
 
 
 @pytest.mark.parametrize("ends", [[0, 1], [0, 2], [0, 20], [0, 1, 1 + 17, 18 + 2], [0, 5000]])
 def test_each_pose_lies_between_two_knots_of_its_own_drive(ends):
-    bends = bends_of(ends)
-    knots = bends.knots[bends.sides]
+    coarse = coarse_space_of(ends)
+    knots = coarse.knots[coarse.sides]
     poses = np.arange(ends[-1])
-    np.testing.assert_allclose(bends.shares.sum(axis=1), 1.0)
-    np.testing.assert_allclose((bends.shares * knots).sum(axis=1), poses, atol=1e-9)
-    assert np.all(bends.shares >= 0.0)
+    np.testing.assert_allclose(coarse.shares.sum(axis=1), 1.0)
+    np.testing.assert_allclose((coarse.shares * knots).sum(axis=1), poses, atol=1e-9)
+    assert np.all(coarse.shares >= 0.0)
     drive = np.searchsorted(ends, poses, side="right")
     np.testing.assert_array_equal(np.searchsorted(ends, knots, side="right"), np.column_stack((drive, drive)))
 
 
 def test_long_drives_have_a_limited_number_of_knots():
-    assert 4 <= len(bends_of([0, 20]).knots) <= 5
-    assert len(bends_of([0, 100_000]).knots) <= 252
-    assert len(bends_of(np.linspace(0, 100_000, 11).astype(int).tolist()).knots) <= 270
+    assert 4 <= len(coarse_space_of([0, 20]).knots) <= 5
+    assert len(coarse_space_of([0, 100_000]).knots) <= 252
+    assert len(coarse_space_of(np.linspace(0, 100_000, 11).astype(int).tolist()).knots) <= 270
 
 
 OWNERS = np.array([0, 0, 1, 2])

@@ -9,7 +9,7 @@ from tbmslam.kernels.adjustment.laser_slopes import (
     OFFSET,
     SCALE,
     SWEEP,
-    bent_hits,
+    corrected_hits,
     laser_equations,
     single_scan_hits,
 )
@@ -75,8 +75,8 @@ def test_hits_of_scans_are_gathered_as_the_plain_answer_says(keyframes, chosen, 
 
 def test_hits_bend_about_the_middle_of_the_fan(keyframes):
     hits, begins = gathered(keyframes, (0, 1, 2, 3), 1000)
-    straight = bent_hits(hits, begins, np.zeros(4), 0.0)
-    bent = bent_hits(hits, begins, np.array([0.02, 0.0, -0.01, 0.0]), 0.05)
+    straight = corrected_hits(hits, begins, np.zeros(4), 0.0)
+    bent = corrected_hits(hits, begins, np.array([0.02, 0.0, -0.01, 0.0]), 0.05)
     scales = np.repeat([0.02, 0.0, -0.01, 0.0], np.diff(begins))
     turn = scales * hits[:, 2]
     for k, own in enumerate(hits):
@@ -137,7 +137,7 @@ def plain_equations(hits, angles, poses, seen):
 
 def test_the_equations_are_those_of_all_hits_with_the_lines_eliminated(keyframes, poses, generator):
     gathered_hits, begins = gathered(keyframes, (0, 1, 2, 3), 1000)
-    hits = bent_hits(gathered_hits, begins, np.full(4, 0.004), 0.01)
+    hits = corrected_hits(gathered_hits, begins, np.full(4, 0.004), 0.01)
     at = poses + generator.normal(0.0, 0.005, poses.shape)
     walls = WallLines(hits, 1, at, 0.1, CONFIG)
     laser = laser_equations(hits, gathered_hits[:, 2], RATES, at, walls.seen, walls.system, LIMITS)

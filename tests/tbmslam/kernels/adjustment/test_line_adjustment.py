@@ -22,22 +22,22 @@ class ThreeLines:
 
     def __init__(self, generator):
         self.poses = np.column_stack((generator.uniform(-1.0, 1.0, (4, 2)), generator.uniform(-3.0, 3.0, 4)))
-        self.hits, self.seers, moments, begins = [], [], [], [0]
+        self.hits, self.observers, moments, begins = [], [], [], [0]
         for angle, middle in ((0.2, (2.0, 1.0)), (1.9, (-1.0, 2.0)), (2.8, (0.0, -3.0))):
-            for seer in sorted(generator.choice(4, 3, replace=False)):
+            for observer in sorted(generator.choice(4, 3, replace=False)):
                 count = int(generator.integers(3, 9))
                 along, off = generator.uniform(-0.25, 0.25, count), generator.normal(0.0, 0.02, count)
                 hits = np.array(middle) + np.outer(along, (math.cos(angle), math.sin(angle)))
                 hits += np.outer(off, (-math.sin(angle), math.cos(angle)))
-                local = SE2(*self.poses[seer]).inverse().apply(hits)
+                local = SE2(*self.poses[observer]).inverse().apply(hits)
                 self.hits.append(local)
-                self.seers.append(seer)
-                moments.append(moments_of(hits - self.poses[seer, :2]))
+                self.observers.append(observer)
+                moments.append(moments_of(hits - self.poses[observer, :2]))
             begins.append(len(moments))
-        self.moments, self.seers, self.begins = np.array(moments), np.array(self.seers), np.array(begins)
+        self.moments, self.observers, self.begins = np.array(moments), np.array(self.observers), np.array(begins)
 
     def placed(self, o):
-        return SE2(*self.poses[self.seers[o]]).apply(self.hits[o])
+        return SE2(*self.poses[self.observers[o]]).apply(self.hits[o])
 
     def weight(self, o):
         return 1.0 / (1.0 + len(self.hits[o]) / ENOUGH)
@@ -53,11 +53,11 @@ def lines_of(seen, limits=LIMITS):
 
 
 def sightings_of(seen, pieces):
-    return Sightings(len(pieces), int(pieces.max()) + 1, seen.moments, seen.seers, pieces)
+    return Sightings(len(pieces), int(pieces.max()) + 1, seen.moments, seen.observers, pieces)
 
 
 def equations_of(seen, lines):
-    return line_equations(seen.moments, seen.seers, seen.begins, lines, seen.poses, ENOUGH, DEVIATION, WIDTH)
+    return line_equations(seen.moments, seen.observers, seen.begins, lines, seen.poses, ENOUGH, DEVIATION, WIDTH)
 
 
 def product_of(blocks, lines, changes):
@@ -86,13 +86,13 @@ def test_what_is_too_little_too_thick_or_too_short_is_no_line(seen, limits):
 
 
 def test_what_one_stretch_saw_alone_is_no_line(seen):
-    alone = sightings_of(seen, np.arange(len(seen.seers)))
-    np.testing.assert_array_equal(fit_lines(alone, seen.poses, ENOUGH, LIMITS), np.zeros((len(seen.seers), 5)))
+    alone = sightings_of(seen, np.arange(len(seen.observers)))
+    np.testing.assert_array_equal(fit_lines(alone, seen.poses, ENOUGH, LIMITS), np.zeros((len(seen.observers), 5)))
 
 
 def test_the_order_of_sightings_and_spare_room_mean_nothing(seen, generator):
-    order, pieces = generator.permutation(len(seen.seers)), np.repeat(np.arange(3), np.diff(seen.begins))
-    spare = [np.concatenate((one[order], one[:4])) for one in (seen.moments, seen.seers, pieces)]
+    order, pieces = generator.permutation(len(seen.observers)), np.repeat(np.arange(3), np.diff(seen.begins))
+    spare = [np.concatenate((one[order], one[:4])) for one in (seen.moments, seen.observers, pieces)]
     mixed = fit_lines(Sightings(len(order), 3, *spare), seen.poses, ENOUGH, LIMITS)
     np.testing.assert_allclose(mixed, lines_of(seen), atol=1e-12)
 
@@ -105,13 +105,13 @@ def plain_equations(seen, lines):
         normal, line = np.array([-ly, lx]), 12 + 2 * piece
         curvature[[line, line + 1], [line, line + 1]] += 1e-6
         for o in range(seen.begins[piece], seen.begins[piece + 1]):
-            pose, placed = seen.poses[seen.seers[o]], seen.placed(o)
+            pose, placed = seen.poses[seen.observers[o]], seen.placed(o)
             distances = (placed - (px, py)) @ normal
             doubt = 1.0 + (distances.mean() / (WIDTH * DEVIATION)) ** 2
             for point, distance in zip(placed, distances, strict=True):
                 arm = point - pose[:2]
                 slope = np.zeros(size)
-                at = 3 * seen.seers[o]
+                at = 3 * seen.observers[o]
                 slope[at : at + 3] = [*normal, normal @ [-arm[1], arm[0]]]
                 slope[line : line + 2] = (point - (px, py)) @ [lx, ly], -1.0
                 weight = seen.weight(o) / doubt / DEVIATION**2

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, MotionSystem, PoseSystem, times
-from tbmslam.kernels.adjustment.two_levels import factors_of, precondition, solved
-from tbmslam.optimisation.pose_solver import bends_of
+from tbmslam.kernels.adjustment.two_levels import conjugate_gradients, precondition, preconditioner_of
+from tbmslam.optimisation.pose_solver import coarse_space_of
 
 COUNT = 30
 
@@ -23,22 +23,22 @@ def system(generator):
         own[source] += left.T @ left
         own[target] += right.T @ right
         across[e] = left.T @ right if source != target else 0.0
-    couplings, inverses, seers, begins = [], [], [], [0]
+    couplings, inverses, observers, begins = [], [], [], [0]
     for _ in range(12):
         slopes = generator.normal(size=(int(generator.integers(2, 9)), 4, 5))  # hits by pose and line
         curvature = 1e-3 * np.eye(2) + sum(one[:, 3:].T @ one[:, 3:] for one in slopes)
         inverse = np.linalg.inv(curvature)
         inverses.append([inverse[0, 0], inverse[0, 1], inverse[1, 1]])
         for one in slopes:
-            seer = int(generator.integers(COUNT))
-            own[seer] += one[:, :3].T @ one[:, :3]
+            observer = int(generator.integers(COUNT))
+            own[observer] += one[:, :3].T @ one[:, :3]
             couplings.append(one[:, :3].T @ one[:, 3:])
-            seers.append(seer)
-        begins.append(len(seers))
+            observers.append(observer)
+        begins.append(len(observers))
     inverses.append([0.0, 0.0, 0.0])  # no line
     couplings.append(np.ones((3, 2)))
     lines = LineSystem(
-        np.array(couplings), np.array(inverses), np.array([*seers, 0]), np.array([*begins, len(seers) + 1])
+        np.array(couplings), np.array(inverses), np.array([*observers, 0]), np.array([*begins, len(observers) + 1])
     )
     return PoseSystem(own, lines, MotionSystem(ends, across))
 
@@ -55,7 +55,7 @@ def dense(system):
     for line, (aa, ad, dd) in enumerate(system.lines.inverses):
         coupling = np.zeros((3 * COUNT, 2))
         for o in range(system.lines.begins[line], system.lines.begins[line + 1]):
-            k = system.lines.seers[o]
+            k = system.lines.observers[o]
             coupling[3 * k : 3 * k + 3] += system.lines.couplings[o]
         lines -= coupling @ np.array([[aa, ad], [ad, dd]]) @ coupling.T
     return own + motions + lines, own + motions, lines
@@ -69,9 +69,9 @@ def test_the_product_is_that_of_the_whole_curvature(system, generator):
 
 @pytest.mark.parametrize("precision", [1e-3, 1e-9])
 def test_conjugate_gradients_solve_the_whole_curvature(system, poses, generator, precision):
-    whole, bends = dense(system)[0], bends_of([0, COUNT])
-    gradient, factors = generator.normal(size=(COUNT, 3)), factors_of(system, poses, bends)
-    changes = solved(system, factors, bends, gradient, precision, 200)
+    whole, coarse = dense(system)[0], coarse_space_of([0, COUNT])
+    gradient, factors = generator.normal(size=(COUNT, 3)), preconditioner_of(system, poses, coarse)
+    changes = conjugate_gradients(system, factors, coarse, gradient, precision, 200)
     left = np.linalg.norm(gradient.ravel() - whole @ changes.ravel()) / np.linalg.norm(gradient)
     assert 1e-3 * precision < left <= precision
     if precision < 1e-6:
@@ -79,32 +79,32 @@ def test_conjugate_gradients_solve_the_whole_curvature(system, poses, generator,
 
 
 def test_conjugate_gradients_stop_after_so_many_steps(system, poses, generator):
-    bends, gradient = bends_of([0, COUNT]), generator.normal(size=(COUNT, 3))
-    factors = factors_of(system, poses, bends)
-    assert (solved(system, factors, bends, gradient, 1e-9, 0) == 0.0).all()
-    assert (solved(system, factors, bends, 0.0 * gradient, 1e-9, 200) == 0.0).all()
+    coarse, gradient = coarse_space_of([0, COUNT]), generator.normal(size=(COUNT, 3))
+    factors = preconditioner_of(system, poses, coarse)
+    assert (conjugate_gradients(system, factors, coarse, gradient, 1e-9, 0) == 0.0).all()
+    assert (conjugate_gradients(system, factors, coarse, 0.0 * gradient, 1e-9, 200) == 0.0).all()
 
 
 @pytest.mark.parametrize("ends", [[0, COUNT], [0, 1, 12, COUNT]])
-def test_a_step_is_what_solves_poses_with_their_next_and_what_bends_the_drives(system, poses, generator, ends):
-    bends, forces = bends_of(ends), generator.normal(size=(COUNT, 3))
+def test_the_preconditioner_adds_the_exact_solutions_of_both_levels(system, poses, generator, ends):
+    coarse, forces = coarse_space_of(ends), generator.normal(size=(COUNT, 3))
     whole, motions, lines = dense(system)
     block = np.arange(3 * COUNT) // 3
     apart = np.abs(block[:, None] - block)
     seen_alone = np.zeros_like(lines)  # a pose that saw a line twice counts as two that did
     for line, (aa, ad, dd) in enumerate(system.lines.inverses):
         for o in range(system.lines.begins[line], system.lines.begins[line + 1]):
-            at = slice(3 * system.lines.seers[o], 3 * system.lines.seers[o] + 3)
+            at = slice(3 * system.lines.observers[o], 3 * system.lines.observers[o] + 3)
             b = system.lines.couplings[o]
             seen_alone[at, at] -= b @ np.array([[aa, ad], [ad, dd]]) @ b.T
     near = np.where(apart <= 1, motions, 0.0) + seen_alone
-    follow = np.zeros((3 * COUNT, 3 * len(bends.knots)))
+    follow = np.zeros((3 * COUNT, 3 * len(coarse.knots)))
     for k in range(COUNT):
-        for knot, share in zip(bends.sides[k], bends.shares[k], strict=True):
-            dx, dy = poses[k, :2] - poses[bends.knots[knot], :2]
+        for knot, share in zip(coarse.sides[k], coarse.shares[k], strict=True):
+            dx, dy = poses[k, :2] - poses[coarse.knots[knot], :2]
             rigid = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
             follow[3 * k : 3 * k + 3, 3 * knot : 3 * knot + 3] += share * rigid
     expected = np.linalg.solve(near, forces.ravel())
     expected += follow @ np.linalg.solve(follow.T @ whole @ follow, follow.T @ forces.ravel())
-    found = precondition(factors_of(system, poses, bends), bends, forces)
+    found = precondition(preconditioner_of(system, poses, coarse), coarse, forces)
     np.testing.assert_allclose(found.ravel(), expected, atol=1e-7 * np.abs(expected).max())

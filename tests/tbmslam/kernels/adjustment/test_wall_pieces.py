@@ -102,26 +102,26 @@ def test_sightings_are_the_sums_over_what_a_stretch_hit_in_a_cell_in_a_direction
     seen, known = see_walls(hits, every, poses, RASTER)
     expected = plain_pieces(hits, every, poses)
     assert len(expected) == seen.pieces_met == len(np.unique(known.numbers[known.numbers >= 0]))
-    assert np.all(np.diff(seen.seers[: seen.size]) >= 0)
+    assert np.all(np.diff(seen.observers[: seen.size]) >= 0)
     # Pieces are numbered as they are met.
     first = {piece: number for number, piece in enumerate(expected)}
     found = {(first[piece], k): moments_of(ways) for piece, own in expected.items() for k, ways in own.items()}
     assert len(found) == seen.size
     for o in range(seen.size):
-        moments, seer, piece = seen.moments[o], seen.seers[o], seen.pieces[o]
-        np.testing.assert_allclose(moments, found[int(piece), int(seer)], rtol=1e-9, atol=1e-9)
+        moments, observer, piece = seen.moments[o], seen.observers[o], seen.pieces[o]
+        np.testing.assert_allclose(moments, found[int(piece), int(observer)], rtol=1e-9, atol=1e-9)
 
 
 def test_sightings_are_sorted_by_piece(hits, poses):
     seen, _ = see_walls(hits, 1, poses, RASTER)
     numbers, pieces = np.arange(seen.pieces_met) // 2, seen.pieces[: seen.size]
     numbers[::6] = -1
-    moments, seers, begins = sort_sightings(seen, numbers, int(numbers.max()) + 1)
+    moments, observers, begins = sort_sightings(seen, numbers, int(numbers.max()) + 1)
     for number in range(0, len(begins) - 1, 50):
         own = np.flatnonzero(numbers[pieces] == number)
         some = slice(begins[number], begins[number + 1])
         np.testing.assert_array_equal(moments[some], seen.moments[own])
-        np.testing.assert_array_equal(seers[some], seen.seers[own])
+        np.testing.assert_array_equal(observers[some], seen.observers[own])
     assert begins[-1] == len(moments) == np.count_nonzero(numbers[pieces] >= 0)
 
 
@@ -145,7 +145,7 @@ def joined(hit, pose, walls, lines):
     seen, known = see_walls(hits, 1, poses, raster)
     after = join_walls(hits, 1, poses, raster, seen, known, np.array(lines, dtype=float), 0.06)
     assert seen.pieces[: seen.size].tolist() == list(range(len(walls)))
-    assert np.all(after.seers[seen.size : after.size] == 1)
+    assert np.all(after.observers[seen.size : after.size] == 1)
     return after.pieces[seen.size : after.size].tolist()
 
 
@@ -183,7 +183,7 @@ def test_hits_that_join_a_piece_their_stretch_saw_are_added_to_what_it_saw():
     poses, raster = np.array([[0.0, -1e-3, 0.0], [0.0, -1e-3, 0.0]]), Raster(0.5, -0.1, 4)
     seen, known = see_walls(hits, 1, poses, raster)
     after = join_walls(hits, 1, poses, raster, seen, known, np.array([[0.2, 0.01, 1.0, 0.0, 0.2]]), 0.06)
-    assert after.seers[: after.size].tolist() == [0, 1]
+    assert after.observers[: after.size].tolist() == [0, 1]
     assert after.moments[: after.size, 0].tolist() == [1.0, 3.0]
     assert after.moments[1, 1] == pytest.approx(0.6, abs=1e-6)
 

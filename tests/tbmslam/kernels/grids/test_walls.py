@@ -5,7 +5,7 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.grids.wall_sliding import slide_walls
-from tbmslam.kernels.grids.walls import Limits, Walls, compare_walls, hold_walls, see_through_walls
+from tbmslam.kernels.grids.walls import Limits, Walls, classify_walls, compare_walls, see_through_walls
 from tests import wall_reference
 
 LIMITS = Limits(0.153, 0.307, 0.3, 0.7)  # which no distance between cells meets exactly
@@ -51,7 +51,7 @@ def test_what_becomes_of_a_wall_is_the_plain_answer(maps):
     fixed, moving = maps
     seen = set()
     for motion in MOTIONS:
-        found = hold_walls(moving, every(moving), fixed, motion, LIMITS)
+        found = classify_walls(moving, every(moving), fixed, motion, LIMITS)
         expected = [wall_reference.held(moving, k, fixed, motion, LIMITS) for k in every(moving)]
         np.testing.assert_array_equal(found, expected)
         seen |= set(expected)

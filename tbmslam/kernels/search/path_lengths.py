@@ -1,4 +1,4 @@
-"""How far apart places of a drive are: straight, and along the way."""
+"""Distances between places of a drive: straight, and along a graph."""
 
 import math
 
@@ -12,9 +12,9 @@ from tbmslam.kernels import FloatArray, IntArray, kernel
 def nearest_stretches(
     poses: FloatArray, place: int, firsts: IntArray, lasts: IntArray, limit: float, longest: float
 ) -> tuple[IntArray, FloatArray]:
-    """Return which stretches (S,) come within a limit of one pose of (N, >= 2), and how near, the nearest first.
+    """Return the stretches within a limit of pose number `place` of (N, >= 2), nearest first, and their distances.
 
-    A stretch goes from its first to its last pose, and is not longer than `longest`.
+    A stretch contains the poses from its first to its last, and is at most `longest` long.
     """
     near, distances = np.empty(len(firsts), dtype=np.int64), np.empty(len(firsts))
     count = 0
@@ -40,11 +40,10 @@ def nearest_stretches(
 
 
 @kernel
-def shortest_ways(places: int, edges: IntArray, lengths: FloatArray, start: int) -> FloatArray:
-    """Return the length of the shortest way from one place to each (P,), over edges (E, 2) of some lengths (E,).
+def shortest_paths(places: int, edges: IntArray, lengths: FloatArray, start: int) -> FloatArray:
+    """Return the length (P,) of the shortest path from one place to each place, over edges (E, 2) with lengths (E,).
 
-    Goes over the edges forth and back until none shortens anything (Bellman and Ford), which is soon where they are
-    about in the order of the places.
+    Bellman and Ford's algorithm, with the edges in both orders. It converges quickly for edges sorted by place.
     """
     ways = np.full(places, np.inf)
     ways[start] = 0.0
@@ -63,11 +62,11 @@ def shortest_ways(places: int, edges: IntArray, lengths: FloatArray, start: int)
 
 @kernel
 def shown_before(poses: FloatArray, first: int, reach: float, turn: float, enough: int) -> npt.NDArray[np.bool_]:
-    """Return which poses (N, 3) have enough of the ones before within a distance and a turn; those before do not.
+    """Return which poses (N, 3) have at least `enough` earlier poses within a distance and a turn.
 
-    Poses before `first` always count, later ones only where they were not shown before themselves.
+    The earlier poses are those before `first`, and later ones without enough earlier poses of their own.
     """
-    # Sorted by cells as large as the distance: what may be near lies in three runs, one of each row.
+    # The poses are sorted by cells whose side is the distance. The neighbours lie in three runs, one for each row.
     cols, rows = np.floor(poses[:, 0] / reach), np.floor(poses[:, 1] / reach)
     stride = cols.max() - cols.min() + 3.0
     cells = rows * stride + cols

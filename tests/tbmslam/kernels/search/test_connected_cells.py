@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tbmslam.kernels.search.touching_cells import pieces_of
+from tbmslam.kernels.search.connected_cells import components_of
 
 
 def slow_pieces(cells, reach):
@@ -19,9 +19,9 @@ def slow_pieces(cells, reach):
 @given(st.sets(st.tuples(st.integers(0, 25), st.integers(0, 25)), max_size=60), st.integers(0, 4))
 def test_cells_within_reach_of_each_other_are_one_piece(drawn, reach):
     cells = np.array(sorted(drawn), dtype=np.int64).reshape(-1, 2)
-    assert pieces_of(cells, reach).tolist() == slow_pieces(cells, reach).tolist()
+    assert components_of(cells, reach).tolist() == slow_pieces(cells, reach).tolist()
 
 
 def test_a_snake_of_cells_is_one_piece():
     snake = [(row, col) for row in range(9) for col in range(12) if row % 2 == 0 or col == (0 if row % 4 == 1 else 11)]
-    assert pieces_of(np.array(snake), 1).tolist() == [0] * len(snake)
+    assert components_of(np.array(snake), 1).tolist() == [0] * len(snake)

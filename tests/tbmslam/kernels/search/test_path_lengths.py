@@ -2,7 +2,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from tbmslam.kernels.search.ways import nearest_stretches, shortest_ways, shown_before
+from tbmslam.kernels.search.path_lengths import nearest_stretches, shortest_paths, shown_before
 
 
 def test_distances_are_to_the_nearest_of_each_stretch(generator):
@@ -36,11 +36,11 @@ def test_ways_are_the_shortest_in_the_graph(generator):
             graph[source, target] = min(length, graph[source, target] or np.inf)
     for start in (0, 77, 199):
         expected = dijkstra(graph.tocsr(), directed=False, indices=[start])[0]
-        np.testing.assert_allclose(shortest_ways(200, edges, lengths, start), expected)
+        np.testing.assert_allclose(shortest_paths(200, edges, lengths, start), expected)
 
 
 def test_what_no_edge_reaches_is_infinitely_far():
-    assert shortest_ways(3, np.array([[0, 1]]), np.array([2.0]), 0).tolist() == [0.0, 2.0, np.inf]
+    assert shortest_paths(3, np.array([[0, 1]]), np.array([2.0]), 0).tolist() == [0.0, 2.0, np.inf]
 
 
 def test_poses_are_shown_by_enough_before_them(generator):

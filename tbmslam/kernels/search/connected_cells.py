@@ -1,4 +1,4 @@
-"""Cells that touch or nearly touch, told apart into pieces."""
+"""Connected components of cells."""
 
 import numpy as np
 
@@ -6,15 +6,15 @@ from tbmslam.kernels import IntArray, kernel
 
 
 @kernel
-def pieces_of(cells: IntArray, reach: int) -> IntArray:
-    """Return the number of the piece that each cell belongs to (N,), from 0 on in the order of their first cells.
+def components_of(cells: IntArray, reach: int) -> IntArray:
+    """Return the component (N,) of each cell, numbered from 0 in the order of their first cells.
 
-    Cells no farther apart than ``reach`` along rows and along columns belong to one piece.
+    Two cells are connected if their rows and their columns differ by at most ``reach``.
 
     Parameters
     ----------
     cells
-        Rows and columns (N, 2) from 0 on, no cell twice, sorted by row and then by column.
+        Rows and columns (N, 2), not negative, unique, sorted by row and then by column.
     """
     count = len(cells)
     number = np.empty(count, dtype=np.int64)
