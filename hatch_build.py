@@ -48,15 +48,7 @@ class CustomBuildHook(BuildHookInterface[Any]):
 
 
 def for_wheel(source: Path, commands: dict[str, str]) -> str:
-    """Return a module as a wheel has it.
-
-    Parameters
-    ----------
-    source
-        The module's file.
-    commands
-        Installed commands by the program that they run.
-    """
+    """Return a module as it is in a wheel, with the names of installed commands instead of programs."""
     text = source.read_text(encoding="utf-8")
     lines = text.splitlines(keepends=True)
     for node in ast.walk(ast.parse(text)):

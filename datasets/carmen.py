@@ -180,20 +180,10 @@ class _LogSurvey:
 
 
 def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
-    """Open logs as one recording, one after another.
+    """Open logs, plain or compressed by gzip, bzip2 or xz, as one recording, one after another.
 
-    Parameters
-    ----------
-    paths
-        Logs, plain or compressed by gzip, bzip2 or xz.
-    options
-        Choices that replace automatic ones; `scan_topic` names the kind of line. Frames, tf and clocks do not
-        apply.
-
-    Raises
-    ------
-    DatasetError
-        There is no scan in the files, or not of the kind asked for.
+    `options.scan_topic` names the kind of line. Options of frames, tf and clocks do not apply. Raises a `DatasetError`
+    if the files hold no scan of the requested kind.
     """
     survey = _surveyed(paths)
     kind = _kind(paths, survey, options)

@@ -172,15 +172,10 @@ def rotation_of(pose: SE3) -> FloatArray:
 def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatArray:
     """Return the range (beams,) of the nearest wall at the middle of each beam; nan if there is none.
 
-    Within a beam's width the points of the nearest wall are averaged, direction and range. Between two such averages of
-    one wall the wall is straight: the inverse of its range is linear in the direction over so small an angle.
-
-    Parameters
-    ----------
-    turned
-        Directions (N,) as multiples of the angle between beams, from the first beam.
-    ranges
-        Ranges (N,) of the points [m].
+    `turned` (N,) are the directions of the points as multiples of the angle between beams, from the first beam, and
+    `ranges` (N,) their ranges [m]. Within the width of a beam the points of the nearest wall are averaged. Between two
+    averages of one wall the wall is straight: the inverse of its range is linear in the direction over so small an
+    angle.
     """
     if not len(ranges):
         return np.full(beams, np.nan)
@@ -228,16 +223,10 @@ _LEAST_TURN, _MOST_TURN = math.pi / 2.0, 2.2 * math.pi
 
 
 def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: bool | None) -> SE3:
-    """Return the mount of a sensor in space.
+    """Return the mount of a sensor in space from its mount in tf, None if unknown.
 
-    Parameters
-    ----------
-    T_robot_sensor
-        The mount in tf; None if unknown.
-    sensor_pose
-        Its pose in the plane, which replaces that of tf; height and tilt stay those of tf.
-    upside_down
-        Whether it is mounted upside down, if tf does not hold its mount.
+    `sensor_pose` replaces the pose in the plane, but not the height and the tilt. `upside_down` applies only without a
+    mount in tf.
     """
     if T_robot_sensor is None:
         hanging = SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0) if upside_down else SE3.identity()
@@ -254,25 +243,11 @@ def choose_slice(
     clouds: Sequence[PointCloud],
     topic: str,
 ) -> CloudSlice:
-    """Choose heights and beams for the clouds of a recording.
+    """Choose heights and beams for the clouds of a recording; raise a `DatasetError` if the slice is nearly empty.
 
-    Parameters
-    ----------
-    T_robot_sensor
-        Mount of the sensor.
-    heights
-        Lowest and highest point above the robot's frame [m]; None chooses a band around the sensor without floor.
-    step_deg
-        Angle between beams [degrees]; None chooses the finest angle whose beams have points.
-    clouds
-        The first clouds of the recording.
-    topic
-        Name of their topic, for errors.
-
-    Raises
-    ------
-    DatasetError
-        Hardly any point lies between the heights.
+    `heights` are the lowest and the highest point above the robot's frame [m]; None chooses a band around the sensor
+    without floor. `step_deg` is the angle between beams; None chooses the finest angle whose beams have points.
+    `clouds` are the first clouds of the recording. Errors name `topic`.
     """
     low, high = heights or (T_robot_sensor.z - _HALF_HEIGHT, T_robot_sensor.z + _HALF_HEIGHT)
     if heights is None and T_robot_sensor.z > _FLOOR:

@@ -13,15 +13,7 @@ _CODE_BEAMS, _CODE_SHARE, _CODE_SCANS, _CODE_WIDTH, _CODE_NEAREST = 20, 0.005, 5
 
 
 def is_like_a_code(range_m: float, beams: int, scans: int, all_beams: int) -> bool:
-    """Return whether so many beams, also per scan, have the longest range that it may be a code for no return.
-
-    Parameters
-    ----------
-    range_m, beams, scans
-        The range [m], the number of beams with exactly this range, and the number of their scans.
-    all_beams
-        Total number of beams.
-    """
+    """Return whether so many beams, in all and in each scan, have exactly this range that it may mean "no return"."""
     is_frequent = beams >= max(_CODE_BEAMS, _CODE_SHARE * all_beams)
     is_wide = scans >= _CODE_SCANS and beams >= _CODE_WIDTH * scans
     return is_frequent and is_wide and range_m > _CODE_NEAREST
@@ -101,15 +93,7 @@ class ReadingCounts:
             self.beams[fate] = self.beams.get(fate, 0) + number
 
     def add_farthest(self, top: float, ranges: npt.NDArray[np.floating]) -> None:
-        """Count the beams of a scan with the longest range.
-
-        Parameters
-        ----------
-        top
-            Longest range that counts as a hit [m]; 0 if none does.
-        ranges
-            All ranges (N,) [m].
-        """
+        """Count the beams of a scan, ranges (N,) [m], with the longest range `top` of a hit [m]; 0 if none is a hit."""
         if top < self.farthest_m or top == 0.0:
             return
         if top > self.farthest_m:

@@ -32,23 +32,9 @@ class DownloadError(DatasetError):
 def download(address: str, target: Path, sha256: str | None = None, progress: Progress | None = None) -> bool:
     """Download a file, resuming an earlier attempt, and write its SHA-256 to TARGET.sha256.
 
-    Parameters
-    ----------
-    address
-        Its address, http or https.
-    target
-        The file to write. Until it is complete and checked, the data are in TARGET.part.
-    sha256
-        The expected digest; None if unknown, and any data are accepted.
-
-    Returns
-    -------
-    Whether anything was downloaded; an existing file that is correct stays.
-
-    Raises
-    ------
-    DownloadError
-        The server refuses, the connection breaks repeatedly, or the file is not the expected one.
+    Returns whether anything was downloaded; a correct file is kept. Until the data are complete and checked, they are
+    in TARGET.part. Without an expected `sha256` any data are accepted. Raises a `DownloadError` if the server refuses,
+    the connection breaks repeatedly, or the digest differs.
     """
     if target.is_file():
         _check_existing(target, sha256)

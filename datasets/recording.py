@@ -105,13 +105,9 @@ _MANY = 0.01
 
 
 def recording_warnings(recording: Recording, span: Span | None = None) -> list[str]:
-    """Return a sentence for each oddity of the last pass over a recording.
+    """Return a sentence for each anomaly of the last pass over a recording.
 
-    Parameters
-    ----------
-    span
-        The mapped part of the recording; None for all of it. Gaps are those of the part. Other counts have no times and
-        are those of the whole recording.
+    Gaps are those of the mapped `span`. Other counts have no times and are those of the whole recording.
     """
     counts = recording.counts
     counted = _counted(counts) + _beam_warnings(counts)

@@ -65,21 +65,8 @@ def refute_bridge(
 ) -> tuple[dict[Pair, Alignment], set[Sides]]:
     """Find a bridge that the alignment of both sides does not confirm, the most doubtful first.
 
-    Parameters
-    ----------
-    found
-        The state of the merge.
-    config
-        Confidence below which an alignment is a bridge, and least confidence of both sides at its pose.
-    executor
-        Aligns both sides.
-    confirmed
-        Bridges that were confirmed before; they are not verified again.
-
-    Returns
-    -------
-    The alignments to change: that of the bridge, now refused, and others at the same pose; none if all bridges are
-    confirmed. And the bridges that were confirmed.
+    Bridges in `confirmed` are not verified again. Returns the alignments to change: that of the bridge, now refused,
+    and others at the same pose; none if all bridges are confirmed. Also returns the confirmed bridges.
     """
     fitting, alignments = set[Sides](), found.alignments
     joins = [join for group in found.groups for join in bridges_of(group, alignments, config)]

@@ -43,21 +43,10 @@ def check_cell_size(resolution: float) -> None:
 
 
 def place(grid: TbmGrid, T_target_source: SE2, lattice: GridGeometry) -> PlacedGrid:
-    """Place a grid in another frame, on the smallest window that contains it. The cells are resampled when read.
+    """Place a grid in another frame, on the smallest window with all known cells; cells are resampled when read.
 
-    Parameters
-    ----------
-    grid
-        The source; its unknown margins are cropped.
-    T_target_source
-        Pose of the source's frame in the target's frame.
-    lattice
-        A geometry of the target's frame, whose lattice of cells is used.
-
-    Raises
-    ------
-    CellSizeError
-        If the lattice's cells are far too large or small for the grid.
+    The window lies on the cells of `lattice`, a geometry of the target's frame. Raises a `CellSizeError` if these are
+    far too large or small for the grid.
     """
     known = grid.known_part()
     return PlacedGrid(known, T_target_source, window_over(known.geometry, T_target_source, lattice))

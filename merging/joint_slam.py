@@ -107,16 +107,8 @@ def find_closures(
 ) -> list[MotionEdge]:
     """Register bundles of every drive to the nearest submaps of all drives.
 
-    Parameters
-    ----------
-    starts
-        Index of the first pose of each drive (D,).
-    poses
-        Current poses (N, 3) of the lasers at the keyframes of all drives.
-    shift
-        Largest distance of the search from the current pose [m]; 0 registers without a search.
-    config
-        The thresholds of a fit.
+    `poses` (N, 3) are the current poses of the lasers at the keyframes of all drives, and `starts` (D,) the first index
+    of each drive. The search covers a distance of `shift` from the current pose [m]; 0 registers without a search.
     """
     found = []
     for moving, track in enumerate(tracks):
@@ -229,18 +221,10 @@ class JointRefinement:
 def refine_jointly(
     maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: JointConfig, progress: Progress | None = None
 ) -> JointRefinement | None:
-    """Optimise the drives of aligned maps jointly.
+    """Optimise the drives of aligned maps jointly, with the first keyframe of the first map fixed.
 
-    Parameters
-    ----------
-    maps
-        The maps, by name.
-    poses
-        T_merged_map of the merged maps. The first keyframe of the first map is fixed.
-
-    Returns
-    -------
-    None if a map has no keyframes, or if too few loop closures between the robots were found.
+    `poses` are T_merged_map of the merged maps. Returns None if a map has no keyframes, or if too few loop closures
+    between the robots were found.
     """
     drives = [(name, drive) for name in poses for drive in maps[name].drives]
     if {name for name, _ in drives} != set(poses) or any(len(drive.keyframes) < 2 for _, drive in drives):

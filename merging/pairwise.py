@@ -116,23 +116,10 @@ def align_all(
     executor: Executor | None = None,
     pairs: Sequence[Pair] | None = None,
 ) -> dict[Pair, Alignment]:
-    """Align all pairs of maps, or some pairs; the first map of a pair is the target.
+    """Align some or all pairs of maps, in this process without an executor; the first map of a pair is the target.
 
-    Parameters
-    ----------
-    config
-        The parameters of the alignment.
-    executor
-        Executes the alignments; None for this process.
-    pairs
-        The pairs; None for all.
-
-    Raises
-    ------
-    ClusterError
-        If the cluster cannot be reached or gives up.
-    WorkerDiedError
-        If a process of this machine died.
+    Raises a `ClusterError` if the cluster cannot be reached or gives up, and a `WorkerDiedError` if a local process
+    died.
     """
     executor = executor or Executor()
     grids = {name: tbm_map.grid for name, tbm_map in maps.items()}

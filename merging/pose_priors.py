@@ -101,17 +101,7 @@ def _check_extent(name: str, corners: Sequence[FloatArray], resolution: float) -
 def align_near(
     target: PreparedMap | None, source: PreparedMap | None, T_target_source: SE2, config: MergeConfig
 ) -> Alignment:
-    """Align two maps near a known pose; the confidence is that of the maps alone.
-
-    Parameters
-    ----------
-    target, source
-        The maps; None for an empty one.
-    T_target_source
-        The known pose of the source in the target's frame.
-    config
-        Settings, with the largest error of the known pose.
-    """
+    """Align two maps, None for an empty one, near a known pose; the confidence is that of the maps alone."""
     if target is None or source is None:
         empty = "target" if target is None else "source"
         return Alignment("prior", True, f"placed at the given pose: the {empty} map is empty", T_target_source)

@@ -173,15 +173,6 @@ def with_pairs_aligned(found: MergeState, config: MergeConfig, executor: Executo
     In the first round each map is aligned with the few most similar maps, in later rounds with more maps if that may
     join groups. Pairs of two single maps are not tried in later rounds: a map that does not fit the most similar maps
     hardly fits a single other map.
-
-    Parameters
-    ----------
-    found
-        The state of the merge.
-    config
-        The number of pairs of each round, and the parameters of the alignment.
-    executor
-        Compares and aligns the maps.
     """
     settings = config.retrieval
     pairs = [pair for pair in itertools.combinations(found.maps, 2) if not found.are_joined(pair)]

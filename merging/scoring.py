@@ -91,12 +91,8 @@ def measured(places: Sequence[Evidence]) -> FloatArray:
 def by_chance(candidates: FloatArray, decoys: FloatArray, score: FloatArray) -> FloatArray:
     """Return the measures (M,) of the best pose by chance: of a decoy, or of a hypothesis that cannot be the truth.
 
-    Parameters
-    ----------
-    candidates, decoys
-        Measures (K, M) of the hypotheses, and (D, M) of the decoys.
-    score
-        The score's weights (M,).
+    `candidates` (K, M) are measures of the hypotheses, `decoys` (D, M) those of the decoys, and `score` (M,) the
+    weights.
     """
     ranked = np.argsort(-(candidates @ score), kind="stable")
     rivals = np.vstack((np.zeros((1, len(MEASURES))), decoys, candidates[ranked[_CHANCE : _CHANCE + 1]]))
@@ -294,7 +290,7 @@ _IN_DOUBT = (0.1, 0.999)
 def score_hypotheses(
     target: WallMap, source: WallMap, places: Sequence[Evidence], config: MergeConfig, known: Sequence[Evidence] = ()
 ) -> tuple[list[float], list[Evidence]]:
-    """Return the probability (K,) of each hypothesis and the decoys; the sum of the probabilities is at most 1.
+    """Return the probability (K,) of each hypothesis from its evidence, at most 1 in sum, and the decoys.
 
     A coarse search for decoys decides most pairs. If it leaves doubt, decoys are searched as thoroughly as hypotheses.
 

@@ -241,13 +241,8 @@ def _blocks(points: FloatArray) -> npt.NDArray[np.int64]:
 def seen_through_m(target: WallMap, source: WallMap, T_target_source: SE2, reach_m: float) -> float:
     """Return the length of unbroken stretches of wall that the other robot saw through, a mean of two directions [m].
 
-    Of each stretch only the length beyond a door leaf counts.
-
-    Parameters
-    ----------
-    reach_m
-        Depth of the free space that the other map has before and behind the wall [m]. It is larger than the distance
-        of doubled walls in distorted maps.
+    Of each stretch only the length beyond a door leaf counts. The other map must be free within `reach_m` before and
+    behind the wall [m], which is larger than the distance of doubled walls in distorted maps.
     """
     forth = _stretches_m(source, target, T_target_source, reach_m)
     return (forth + _stretches_m(target, source, T_target_source.inverse(), reach_m)) / 2.0

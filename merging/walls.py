@@ -56,16 +56,9 @@ def steadiness(
 ) -> FloatArray:
     """Return the weights (N,) of surface cells: 1 on long walls, `least_weight` on movable objects.
 
-    Movable objects are short components of walls. Short solid blocks, and outlines that are too small for a room, are
-    movable objects even if they stand against a wall. The length of an object is the longer side of the smallest
-    rectangle around it, so it does not depend on the rotation.
-
-    Parameters
-    ----------
-    walls, free, surface
-        Which cells (rows, cols) are walls, free, and surfaces of walls.
-    resolution
-        Side of a cell [m].
+    Movable objects are short components of the walls (rows, cols). Short solid blocks, and outlines that are too small
+    for a room, are movable objects even if they touch a wall. The length of an object is the longer side of the
+    smallest rectangle around it, so it does not depend on the rotation.
     """
     half_gap = max(round(config.gap_m / 2.0 / resolution), 1)
     mended = _grown(walls, half_gap)

@@ -41,15 +41,7 @@ class Placement(NamedTuple):
 
 
 class FrontEnd:
-    """Predicts, compensates the motion, registers, and chooses keyframes.
-
-    Parameters
-    ----------
-    config
-        All parameters.
-    tracker
-        Registers the scans; see `make_tracker`.
-    """
+    """Predicts motions, compensates the motion during a scan, registers scans, and chooses keyframes."""
 
     def __init__(self, config: SlamConfig, tracker: Tracker) -> None:
         self._motion = MotionModel(config.motion)

@@ -16,12 +16,8 @@ _STEEPEST = math.cos(math.radians(60.0))
 class Mounting:
     """The mount of the laser on the robot.
 
-    Parameters
-    ----------
-    steps
-        Path from the robot's frame to the laser's; None if it is not recorded: then the laser is at the centre.
-    sensor_pose, upside_down
-        Replaces the recorded mount.
+    `steps` is the path from the robot's frame to the laser's; without one the laser is at the centre. `sensor_pose` and
+    `upside_down` replace the recorded mount.
     """
 
     def __init__(self, steps: list[Step] | None, sensor_pose: SE2 | None, upside_down: bool | None) -> None:

@@ -22,23 +22,11 @@ class FoundPose(NamedTuple):
 
 
 class PoseHistory:
-    """Buffered poses in the order of arrival, with lookup by stamp.
+    """The newest buffered poses, at most `capacity`, in the order of arrival, with lookup by stamp.
 
-    Some recorders step back in time while the robot drives on. Sorting by stamp would then weave two parts of the
-    drive into each other, so the poses stay in their order, as runs of rising stamps, and a stamp is looked up in the
-    newest run that holds it.
-
-    Parameters
-    ----------
-    capacity
-        The newest poses kept; the memory stays bounded however long the recording is.
-
-    Attributes
-    ----------
-    received
-        The number of received poses.
-    first_stamp
-        The earliest stamp of all of them [s]; None before the first.
+    Some recorders step back in time while the robot drives on. Sorting by stamp would then mix two parts of the drive.
+    The poses therefore stay in their order, as runs of rising stamps, and a stamp is looked up in the newest run that
+    contains it. `received` counts all poses, and `first_stamp` is the earliest stamp [s].
     """
 
     def __init__(self, capacity: int = 20_000) -> None:
@@ -80,16 +68,10 @@ class PoseHistory:
         return None
 
     def at(self, stamp: float, longest_gap_s: float, limit_s: float) -> "FoundPose | None":
-        """Return the pose at a stamp, interpolated or extrapolated from the nearest recorded pose.
+        """Return the pose at a stamp [s], interpolated or extrapolated from the nearest recorded pose.
 
-        Parameters
-        ----------
-        stamp
-            Time asked for [s].
-        longest_gap_s
-            Poses further apart than this are not interpolated [s].
-        limit_s
-            Largest extrapolation beyond a recorded pose, at the end or into such a gap [s].
+        Gaps above `longest_gap_s` are not interpolated. Poses are extrapolated by at most `limit_s`, at the end or into
+        a gap.
         """
         bracket = self.bracket(stamp)
         if bracket is None:
@@ -168,17 +150,12 @@ class Pairing:
 
     Parameters
     ----------
-    motion
-        The odometry of this pass.
-    counts
-        Filled as scans are used or dropped.
     clock_offset
-        Added to a scan's stamp to get the time of the odometry [s]; the scan itself keeps its stamp.
+        Offset from the stamp of a scan to the time of its odometry [s]; the scan keeps its stamp.
     odometry_scale
-        What the odometry's lengths are multiplied by.
+        Factor of the lengths of the odometry.
     patience_s
-        A scan for which no odometry arrived for this long (by bag time) is given up [s]; also the longest time between
-        two poses that is interpolated.
+        Bag time after which a scan without odometry is dropped, and the longest interpolated gap between two poses [s].
     """
 
     def __init__(

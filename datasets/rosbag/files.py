@@ -66,16 +66,10 @@ class Message(NamedTuple):
 
 
 class BagFiles:
-    """One or several bag files, ROS 1 or ROS 2, read as one recording.
+    """ROS 1 bag files, or ROS 2 bag directories or storage files, read as one recording.
 
-    Messages are decoded by the standard definitions of their types, not by those the bag carries, so that a definition
-    that cannot be parsed, in whichever topic, does no harm, and bags without definitions (ROS 2 Humble) need none.
-    Damaged files are salvaged.
-
-    Parameters
-    ----------
-    paths
-        ROS 1 bag files; ROS 2 bag directories or storage files.
+    Messages are decoded by the standard definitions of their types instead of those of the bag. So unparsable
+    definitions do no harm, and bags without definitions (ROS 2 Humble) can be read. Damaged files are salvaged.
     """
 
     def __init__(self, paths: list[Path]) -> None:
@@ -114,11 +108,8 @@ class BagFiles:
     def messages(self, topics: Collection[str], steered_by: str) -> Iterator[Message]:
         """Yield the messages of some topics in the order of the recording.
 
-        Parameters
-        ----------
-        steered_by
-            Where the times of this topic step back within a ROS 1 bag, that bag is read in the order of its writing
-            rather than by time, which would weave different parts of the drive into each other.
+        If the times of the topic `steered_by` step back within a ROS 1 bag, the bag is read in the order of writing. By
+        time, different parts of the drive would be mixed.
         """
         streams = [_stream(source, topics, steered_by, self._cut) for source in self._sources]
         yield from merge(*streams, key=lambda message: message.bag_time) if len(streams) > 1 else streams[0]

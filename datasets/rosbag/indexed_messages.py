@@ -59,17 +59,11 @@ class IndexReader(Reader):
 
 
 class IndexedMessages:
-    """The messages of an open bag.
+    """The messages of a bag, from an open reader of rosbags.
 
-    rosbags reads the index. It also reads messages, but takes the header of each apart, which takes longer than to
-    decompress them. Headers are nearly always written in one of two ways: those are compared as a whole here, and
-    rosbags reads what does not look like that.
-
-    Parameters
-    ----------
-    reader
-        An open reader; what it decompresses is remembered for some chunks, as reading by time jumps between those where
-        topics lie in chunks of their own.
+    rosbags reads the index. Its parsing of each message header takes longer than decompression. Nearly all headers have
+    one of two layouts: these are compared as a whole here, and rosbags reads all others. Some decompressed chunks are
+    kept, since reading by time alternates between the chunks of different topics.
     """
 
     def __init__(self, reader: Reader) -> None:

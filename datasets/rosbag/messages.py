@@ -143,16 +143,9 @@ class NotAsUsualError(ValueError):
 
 
 def reader_of(msgtype: str, *, is_cdr: bool) -> Callable[[bytes], Content] | None:
-    """Return a reader of messages of a type; None if only a library reads them.
+    """Return a reader of messages of a type, in the format of ROS 2 if `is_cdr`; None if only a library reads them.
 
-    What is returned raises a ValueError (`NotAsUsualError`) or struct.error where the bytes are not laid out as usual.
-
-    Parameters
-    ----------
-    msgtype
-        Name of the type.
-    is_cdr
-        Whether they are written as in ROS 2.
+    The reader raises a ValueError (`NotAsUsualError`) or struct.error if the bytes have an unusual layout.
     """
     readers: dict[str, Callable[[bytes, bool], Content]] = {SCAN_TYPE: _scan, ODOMETRY_TYPE: _odometry}
     readers |= dict.fromkeys(TF_TYPES, _transforms)
@@ -253,13 +246,7 @@ def _text(data: bytes, is_cdr: bool) -> str:
 
 
 class MessageDecoder:
-    """Decodes messages by the standard definitions of their types.
-
-    Parameters
-    ----------
-    is_ros1
-        Whether they are written as in ROS 1.
-    """
+    """Decodes messages of ROS 1 or ROS 2 by the standard definitions of their types."""
 
     def __init__(self, is_ros1: bool) -> None:
         self._is_ros1 = is_ros1

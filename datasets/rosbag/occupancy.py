@@ -43,18 +43,10 @@ _LATCHED = Qos(
 
 
 def write_occupancy_bag(path: str | os.PathLike[str], grid: TbmGrid, stamp: float, kind: Format = "ros1") -> None:
-    """Write one nav_msgs/OccupancyGrid on /map in frame map, whole or not at all.
+    """Write one nav_msgs/OccupancyGrid with a stamp [s] on /map in frame map, whole or not at all.
 
     Its values are those that map_server publishes for the map.yaml of the same grid: 0 free, 100 occupied, -1 unknown.
-
-    Parameters
-    ----------
-    path
-        The bag: a file, also in ROS 2, where it is the mcap file without a folder around it.
-    stamp
-        Time of the message [s].
-    kind
-        `ros1`, or `mcap` for ROS 2.
+    With `mcap` the path is the mcap file of ROS 2 itself, without a folder around it.
     """
     if kind not in {"ros1", "mcap"}:
         raise ValueError(f"kind must be ros1 or mcap, got {kind!r}")

@@ -23,15 +23,7 @@ logger = logging.getLogger(__name__)
 
 
 def open_rosbags(paths: list[Path], options: RecordingOptions) -> Recording:
-    """Open bags as one recording, merged by time.
-
-    Parameters
-    ----------
-    paths
-        ROS 1 bag files; ROS 2 bag directories or storage files.
-    options
-        Choices that replace automatic ones.
-    """
+    """Open ROS 1 bag files, or ROS 2 bag directories or storage files, as one recording, merged by time."""
     plan = plan_reading(BagFiles(paths), options)
     recording = Recording(
         paths[0].stem if paths[0].is_file() else paths[0].name,

@@ -23,23 +23,10 @@ logger = logging.getLogger(__name__)
 
 
 class OpenBag:
-    """A bag with its index in memory; reading a large index takes seconds.
+    """A bag file or ROS 2 bag with its index in memory; reading a large index takes seconds.
 
-    Its file is closed at the latest when the object is collected.
-
-    Parameters
-    ----------
-    path
-        ROS 1 bag file; ROS 2 bag directory or storage file.
-    is_ros1
-        Which of them.
-
-    Attributes
-    ----------
-    connections
-        Its topics.
-    span
-        Times of its first and its last message [ns].
+    The file is closed at the latest when the object is collected. `connections` are its topics, and `span` the times of
+    its first and its last message [ns].
     """
 
     def __init__(self, path: Path, is_ros1: bool) -> None:
@@ -86,13 +73,7 @@ def _opened(path: Path, is_ros1: bool) -> "rosbag1.Reader | rosbag2.Reader":
 
 
 class BagSource:
-    """A bag file or ROS 2 directory, which stays open from one pass to the next until it is closed.
-
-    Parameters
-    ----------
-    path
-        ROS 1 bag file; ROS 2 bag directory or storage file. A file may be packed as a whole.
-    """
+    """A bag file or ROS 2 bag that stays open between passes until it is closed. A file may be packed as a whole."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

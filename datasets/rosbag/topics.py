@@ -12,19 +12,11 @@ from tbmslam.geometry.se2 import SE2
 
 
 def of_same_robot(names: Sequence[str], scan: str, other_scans: Sequence[str]) -> list[str]:
-    """Return the topics that are not another robot's, in their order.
+    """Return the topics in `names` that do not belong to another robot, in their order.
 
-    Robots in one bag have namespaces: /robot_1/tf belongs to /robot_1/scan, whatever its frames are called. What lies
-    nearer to other scans is another robot's; so is what lies beside other scans where the robot has a topic of its own.
-
-    Parameters
-    ----------
-    names
-        The topics of each kind.
-    scan
-        The topic of scans that was chosen.
-    other_scans
-        The bag's other topics of scans.
+    Robots in one bag have namespaces: /robot_1/tf belongs to the chosen topic /robot_1/scan. A topic whose name is
+    nearer to `other_scans` belongs to another robot. So does a topic beside other scans, if the robot has a topic of
+    its own.
     """
     nearness = nearness_to(scan)
     others = [nearness_to(other) for other in other_scans]

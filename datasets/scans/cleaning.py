@@ -63,18 +63,9 @@ class CleanRanges(NamedTuple):
 
 
 def clean_ranges(ranges: npt.ArrayLike, range_min: float, range_max: float, rules: RangeRules) -> CleanRanges:
-    """Convert raw ranges to those of `LaserScan` and count the beams by result.
+    """Convert raw ranges (S, N) of scans [m] to those of `LaserScan`, and count the beams by result.
 
-    Many scans at once take hardly longer than one.
-
-    Parameters
-    ----------
-    ranges
-        Raw values of scans (S, N) [m]; not changed.
-    range_min, range_max
-        Limits [m], see `RangeRules.limits`.
-    rules
-        Rules of the laser.
+    The limits are those of `RangeRules.limits` [m]. Many scans at once take hardly longer than one.
     """
     cleaned = np.array(ranges, dtype=np.float64)
     no_return = _are_without_return(cleaned, range_max, rules.no_return_codes)
@@ -106,17 +97,10 @@ def _are_without_return(ranges: FloatArray, range_max: float, codes: Iterable[fl
 
 
 def find_no_return_code(scans: Iterable[npt.ArrayLike], known: Iterable[float] = ()) -> float | None:
-    """Find a code for no return that is neither known nor above the limit.
+    """Return a code for no return that is not yet known, from the ranges of some scans below the limit [m].
 
-    Such a code is the largest value of all, exact, held by several beams of a scan, and far more frequent than the
-    measured values next to it.
-
-    Parameters
-    ----------
-    scans
-        Raw ranges of some scans below the limit [m].
-    known
-        Known codes [m].
+    Such a code is the largest of all values, exact, measured by several beams of a scan, and far more frequent than the
+    values next to it.
     """
     arrays = [np.asarray(scan, dtype=np.float64) for scan in scans]
     values = [scan[np.isfinite(scan) & (scan > 0.0)] for scan in arrays]

@@ -27,13 +27,8 @@ class ClockFinding(NamedTuple):
 def lags_of_unset(scan_lags: Sequence[float], odometry_lags: Sequence[float]) -> tuple[float, float]:
     """Return bag time minus stamp of scans and of odometry, with estimates for unset stamps [s].
 
-    A simulation's clock is zero until it is heard of, and then far from the recorder's. Where neither has a stamp the
-    bag's clock counts.
-
-    Parameters
-    ----------
-    scan_lags, odometry_lags
-        Bag time minus stamp of the first messages with a stamp [s].
+    The arguments are those of the first messages with a stamp. The clock of a simulation is zero at first, and then far
+    from the recorder's. If neither has a stamp, the bag's clock is used.
     """
     scan_lag, odometry_lag = (float(np.median(lags)) if len(lags) else None for lags in (scan_lags, odometry_lags))
     either = next((lag for lag in (scan_lag, odometry_lag) if lag is not None), 0.0)
@@ -41,14 +36,9 @@ def lags_of_unset(scan_lags: Sequence[float], odometry_lags: Sequence[float]) ->
 
 
 def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float], delay: float = 0.0) -> ClockFinding:
-    """Find a constant difference between the stamps of scans and of odometry by the bag's clock.
+    """Find a constant difference between the stamps of scans and of odometry from their lags, bag time minus stamp [s].
 
-    Parameters
-    ----------
-    scan_lags, odometry_lags
-        Bag time minus stamp of the first messages [s].
-    delay
-        Known delay from the first beam of a scan to its recording, which is not a fault of a clock [s].
+    `delay` is the known delay from the first beam of a scan to its recording, which is no fault of a clock [s].
     """
     if len(scan_lags) < _FEWEST:
         return ClockFinding(0.0, None, None)
@@ -77,14 +67,9 @@ _REGULAR_S = 0.5
 
 
 class ClockSteps:
-    """Compares the stamps of the scans with the bag's time, and removes steps.
+    """Compares the stamps of the scans with the bag's time, removes steps, and counts them.
 
-    Parameters
-    ----------
-    steady_lag
-        Usual bag time minus stamp [s]; None if it varies too much to detect steps.
-    counts
-        Counts of the pass, which receive the steps.
+    `steady_lag` is the usual bag time minus stamp [s]; None if it varies too much for the detection of steps.
     """
 
     def __init__(self, steady_lag: float | None, counts: ReadingCounts) -> None:

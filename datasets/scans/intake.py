@@ -21,28 +21,15 @@ _LEAST_FAN = 30.0
 
 
 def are_degrees(beams: int, angle_increment: float) -> bool:
-    """Return whether angles are in degrees instead of radians: as radians they would be several turns.
-
-    Parameters
-    ----------
-    beams
-        Number of beams.
-    angle_increment
-        Stated step.
-    """
+    """Return whether the stated step is in degrees instead of radians: as radians the beams span several turns."""
     return _LEAST_FAN <= abs(angle_increment) * (beams - 1) <= _MORE_THAN_A_TURN_DEG
 
 
 def angle_warning(beams: int, angle_increment: float) -> str | None:
-    """Return a warning if an angle step looks wrong, else None.
+    """Return a warning if a stated angle step [rad] looks wrong, else None.
 
-    Converters of old logs wrote 180 beams "from -90 to 90 degrees", so that they state 180/179 degrees a step where
-    the laser made exactly 1. Simulated lasers do step so, hence this is said and not corrected.
-
-    Parameters
-    ----------
-    angle_increment
-        Stated step [rad].
+    Converters of old logs wrote 180 beams "from -90 to 90 degrees", so they state steps of 180/179 degrees for lasers
+    with steps of exactly 1 degree. Simulated lasers have such steps, so the step is not corrected.
     """
     if beams < 2:
         return None
@@ -111,18 +98,8 @@ class CleanScan(NamedTuple):
 class ScanIntake:
     """Takes the scans of one pass in the order of the recording.
 
-    Parameters
-    ----------
-    rules
-        Rules for ranges.
-    angle_step
-        Angle between beams that replaces the recorded angle [rad].
-    gap_s
-        Longer pauses are counted as gaps [s].
-    counts
-        Counts of the pass.
-    longest_sweep
-        Time from first to last beam beyond which the stated time between beams is ignored [s].
+    `angle_step` replaces the recorded angle between beams [rad]. Pauses above `gap_s` are counted as gaps [s]. The
+    stated time between beams is ignored if it makes a scan longer than `longest_sweep` [s].
     """
 
     def __init__(
@@ -155,14 +132,9 @@ class ScanIntake:
         return [found[number] for number in range(len(scans))]
 
     def take(self, raw: RawScan, clean: CleanScan | None = None) -> LaserScan | None:
-        """Return the scan with clean ranges, or None (and the reason counted) where it is of no use.
+        """Return a recorded scan with clean ranges, or None, with the reason counted, if it cannot be used.
 
-        Parameters
-        ----------
-        raw
-            The scan as it was recorded.
-        clean
-            What `cleaned` returned for it, if it was asked before.
+        `clean` is the result of `cleaned` for this scan, if it was computed before.
         """
         self._counts.scans_read += 1
         raw = raw.in_radians()

@@ -154,16 +154,10 @@ def write_ros1_bag(
     no_return: float = NO_RETURN,
     lidar: RingLidar | None = None,
 ) -> None:
-    """Write a ROS 1 bag, whole or not at all; an existing one is replaced.
+    """Write a ROS 1 bag, whole or not at all, and replace an existing one.
 
-    Parameters
-    ----------
-    compression
-        `none` or `bz2`. Not lz4: what `rosbags` compresses so, ROS 1 itself cannot read.
-    no_return
-        Code of a beam without return: `inf`, `nan`, or a number outside the laser's limits.
-    lidar
-        What is in the laser's place and sends point clouds; None: the laser sends its scans.
+    There is no compression by lz4, since ROS 1 cannot read that of `rosbags`. `no_return` is the code of a beam without
+    return: `inf`, `nan`, or a number outside the laser's limits. With a lidar, point clouds replace the scans.
     """
     if compression not in {"none", "bz2"}:
         raise ValueError(f"compression must be none or bz2, got {compression!r}")

@@ -26,12 +26,8 @@ BASELINES: dict[Method, Callable[[TbmGrid, TbmGrid, MergeConfig], Alignment]] = 
 def align_baseline(target: TbmGrid, source: TbmGrid, resolution: float, config: MergeConfig) -> Alignment:
     """Estimate the pose of a source grid in the target's frame by the configured method of the related work.
 
-    Accepted alignments have confidence 0, since these methods give no probability.
-
-    Parameters
-    ----------
-    resolution
-        Cell size at which the maps are compared [m].
+    The maps are compared at a resolution [m]. Accepted alignments have confidence 0, since these methods give no
+    probability.
     """
     if config.method not in BASELINES:
         raise ValueError(f"method must be one of {', '.join(BASELINES)}, got {config.method!r}")

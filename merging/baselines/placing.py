@@ -104,16 +104,9 @@ def answer(
     measure: tuple[str, bool],
     config: MergeConfig,
 ) -> Alignment:
-    """Return a method's alignment, which is accepted if its own measure and the overlap suffice.
+    """Return a method's alignment of target and source, accepted if its own measure and the overlap suffice.
 
-    Parameters
-    ----------
-    maps
-        The target and the source.
-    place
-        The best place (3,).
-    measure
-        The method's measure as text, and whether it suffices.
+    `place` (3,) is the best pose. `measure` is the method's measure as text, and whether it suffices.
     """
     target, source = maps
     agreement = Agreement.of(target, source, placing, place[None])
@@ -138,15 +131,8 @@ BINS = 360
 def hough_spectrum(points: Points, weights: FloatArray, cell_m: float) -> FloatArray:
     """Return the Hough spectrum (BINS,): for each direction, the sum of squares of the Hough transform over the lines.
 
-    S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 2008, after A. Censi et al.,
-    "Scan matching in the Hough domain", 2005.
-
-    Parameters
-    ----------
-    points, weights
-        The points (N, 2) on the lines, and their weights.
-    cell_m
-        Distance of neighbouring lines [m].
+    The lines of weighted points (N, 2) are `cell_m` apart [m]. S. Carpin, "Fast and accurate map merging for
+    multi-robot systems", Autonomous Robots 2008, after A. Censi et al., "Scan matching in the Hough domain", 2005.
     """
     spectrum = np.empty(BINS)
     for index, angle in enumerate(np.pi * np.arange(BINS) / BINS):

@@ -221,10 +221,7 @@ def compare_modifications(
 ) -> dict[Variant, Study]:
     """Match all pairs with all numbers of keypoints, modifications and ratios.
 
-    Parameters
-    ----------
-    tolerance_m
-        Largest distance of a right match from its true position [m].
+    `tolerance_m` is the largest distance of a right match from its true position [m].
     """
     studies = {variant: Study() for variant in variants}
     for count in keypoints:

@@ -112,14 +112,9 @@ def paired_p_value(first: FloatArray, second: FloatArray) -> float:
 
 
 def indistinguishable_from_best(values: Mapping[str, FloatArray], level: float = LEVEL) -> list[str]:
-    """Return the methods of which none is significantly worse than the best: the paper's column 4.
+    """Return the methods that are not significantly worse than the best: the paper's column 4.
 
-    Parameters
-    ----------
-    values
-        What each method reached on the same pairs (P,); nan for none.
-    level
-        Confidence level.
+    `values` are the results (P,) of each method for the same pairs; nan for none.
     """
     means = {name: float(np.nanmean(v)) for name, v in values.items() if np.isfinite(v).any()}
     if not means:

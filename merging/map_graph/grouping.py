@@ -46,23 +46,11 @@ def groups_of(
     config: GraphConfig | None = None,
     known: Mapping[str, SE2] | None = None,
 ) -> list[Group]:
-    """Join maps to groups and estimate their poses.
+    """Join maps to groups and estimate their poses; a group has the frame of its first map in the order of `names`.
 
-    Parameters
-    ----------
-    names
-        The maps; a group has the frame of its first map in this order.
-    alignments
-        Alignments of pairs (target, source); refused ones may still confirm others.
-    config
-        Tolerances for equal poses, and the weight of a confirmation.
-    known
-        Poses of maps that form a group regardless of the evidence.
-
-    Returns
-    -------
-    The groups: the known one first, then by size, then by the order of their first maps. A map without a link is a
-    group of its own.
+    Refused alignments of pairs (target, source) may confirm others. The maps in `known` form a group regardless of the
+    evidence. The groups are ordered: the known one first, then by size, then by the order of their first maps. A map
+    without a link is a group of its own.
     """
     config, known = config or GraphConfig(), known or {}
     centroids, edges = _between_centroids(alignments, config)

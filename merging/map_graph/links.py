@@ -57,14 +57,9 @@ def edges_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Edge]:
 
 
 def support_of(probability: FloatArray, coincidence: float) -> FloatArray:
-    """Return the log odds that a pose gains from a further measurement that leads to the same pose.
+    """Return the log odds that a pose gains from a measurement of the same pose.
 
-    Parameters
-    ----------
-    probability
-        Probability (N,) that the measurement is right; then it leads there for sure.
-    coincidence
-        Probability that it leads there if both it and the pose are wrong.
+    `probability` (N,) is that of a right measurement, and `coincidence` that of equal poses which are both wrong.
     """
     return np.log1p(probability * (1.0 / coincidence - 1.0))
 
@@ -81,12 +76,9 @@ def is_same_pose(motion: SE2, other: SE2, config: GraphConfig, known: Covariance
 
 
 class CentroidFrames:
-    """The centroids of maps in their frames: the mean of the points that their alignments know best.
+    """The centroids of maps in their frames: the mean of the points that their edges determine best.
 
-    Parameters
-    ----------
-    edges
-        Edges between the frames of the maps. A map without a known covariance keeps its frame.
+    A map without a known covariance keeps its frame.
     """
 
     def __init__(self, edges: Sequence[Edge]) -> None:
@@ -148,15 +140,8 @@ class GroupLink(NamedTuple):
 class GroupLinks:
     """The best link of every two groups, updated as groups are joined.
 
-    Parameters
-    ----------
-    groups
-        Poses of the maps of each group in its frame. They change as groups are joined: a group that became part of
-        another is empty.
-    edges
-        Edges between maps.
-    config
-        Tolerances for equal poses, and the least support of a link.
+    `groups` are the poses of the maps of each group in its frame, and change as groups are joined: a group that became
+    part of another is empty.
     """
 
     def __init__(self, groups: Sequence[dict[str, SE2]], edges: Sequence[Edge], config: GraphConfig) -> None:

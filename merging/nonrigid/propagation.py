@@ -27,17 +27,9 @@ def deformed_maps(
 ) -> dict[str, TbmMap]:
     """Return the deformed maps by name, each in its own frame.
 
-    Parameters
-    ----------
-    registrations
-        The non-rigid registrations of pairs.
-    maps
-        All maps, by name.
-    groups
-        The groups that these registrations join.
-    before
-        The groups without these registrations: the group of known poses first, then the largest first. Of single maps,
-        maps with keyframes are kept before maps without, since drives can be optimised jointly; then the first name.
+    `groups` are the groups that the registrations join, and `before` the groups without these registrations: the group
+    of known poses first, then the largest first. Of single maps, maps with keyframes are kept before maps without,
+    since drives can be optimised jointly; then the first name.
     """
     return {
         name: _deformed(maps[name], deformation)

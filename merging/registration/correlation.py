@@ -93,13 +93,7 @@ class Proposals(NamedTuple):
 
 
 def propose(target: WallMap, source: WallMap, config: CorrelationConfig) -> Proposals:
-    """Return the most promising motions T_target_source.
-
-    Parameters
-    ----------
-    target, source
-        What the maps say for certain; a map without walls aligns with nothing.
-    """
+    """Return the most promising motions T_target_source; a map without walls has none."""
     if len(target.points) == 0 or len(source.points) == 0:
         return Proposals([], np.zeros(0))
     cell = _cell_size(target, source, config)
@@ -255,18 +249,10 @@ def _motion(target_centre: complex, source_centre: complex, shift: complex, thet
 def distinct(
     poses: FloatArray, scores: FloatArray, apart_m: float, apart_rad: float, count: int
 ) -> npt.NDArray[np.intp]:
-    """Return the indices of the best distinct poses, the best first (greedy non-maximum suppression).
+    """Return the indices of at most `count` best distinct poses, best first (greedy non-maximum suppression).
 
-    Parameters
-    ----------
-    poses
-        (N, 3) [m, m, rad].
-    scores
-        (N,), the larger the better; of equals, the earlier one is better.
-    apart_m, apart_rad
-        Poses nearer to each other than both are equal.
-    count
-        Largest number of poses.
+    Poses (N, 3) [m, m, rad] nearer to each other than both distances are equal. Of equal scores (N,) the earlier is
+    better.
     """
     ranked, kept = np.argsort(-scores, kind="stable"), np.empty(min(count, len(scores)), dtype=np.int64)
     found = distinct_places(np.ascontiguousarray(poses), ranked, apart_m, apart_rad, kept)

@@ -31,16 +31,12 @@ class Consensus:
 
 
 def find_consensus(matches: Matches, config: ConsensusConfig) -> Consensus | None:
-    """Find the similarity that most matches agree on, and the rigid motion that fits those best.
+    """Find the similarity that most matches agree on, and the rigid motion that fits them best.
 
-    Every pair of matches proposes a motion (a drawn sample of them, where there are many); the one with the least
-    squared distances, each cut off at the inlier distance, wins (MSAC, Torr and Zisserman 2000). Rigid motions are
-    proposed first; only where too few matches agree on any, stretching ones are, so that maps of different scale are
-    recognised as such and not as foreign.
-
-    Returns
-    -------
-    The consensus, whatever its size; None where no pair of matches is far enough apart to propose anything.
+    Every pair of matches proposes a motion, or a drawn sample of the pairs if there are many. The motion with the least
+    sum of squared distances, each limited to the inlier distance, is chosen (MSAC, Torr and Zisserman 2000). Motions
+    with a scale are tried only if too few matches agree on a rigid motion. They show that maps have different scales.
+    Returns None if no two matches are far enough apart.
     """
     pairs = _pairs(matches, config)
     if len(pairs) == 0:

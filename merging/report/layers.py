@@ -26,13 +26,6 @@ def without_rounding(merge: Merge, maps: Mapping[str, TbmMap], reliability: Mapp
 
     Other conflict is caused by rounding and by beams that graze a wall. The fused masses do not change. Maps of
     reliability 0 are ignored, since they do not contribute to the conflict.
-
-    Parameters
-    ----------
-    merge, maps
-        The merge and its maps.
-    reliability
-        Reliability of the maps by name; 1 for maps that are not named.
     """
     if merge.fusion is None:
         return merge

@@ -23,19 +23,7 @@ _MOST_SHEETS = 30
 def merge_page(
     merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig, areas_m2: Mapping[str, float], making: Making
 ) -> Page:
-    """Return the page.
-
-    Parameters
-    ----------
-    maps
-        The maps, by name.
-    config
-        The parameters of the merge.
-    areas_m2
-        Areas to show, by name [m^2].
-    making
-        The run of the program.
-    """
+    """Return the page of a merge, with areas to show by name [m^2] and the run of the program."""
     cards, more = pair_cards(merge, maps, config)
     areas = [Table("Areas", ("area", "#m²"), [(name, f"{area:.1f}") for name, area in areas_m2.items()])]
     return Page(

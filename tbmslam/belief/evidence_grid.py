@@ -42,21 +42,14 @@ def check_size(rows: int, cols: int, resolution: float, max_cells: int) -> None:
 
 
 class EvidenceGrid:
-    """A growing grid on the lattice of cells whose corners are multiples of the resolution.
-
-    Parameters
-    ----------
-    resolution
-        Side of a cell [m].
-    max_cells
-        Largest number of cells; a cell takes 16 bytes.
+    """A growing grid on the lattice of cells whose corners are multiples of the resolution [m].
 
     Attributes
     ----------
     ratios
-        Evidence (rows, cols, 2): a_F and a_O of every cell.
+        Evidence (rows, cols, 2): a_F and a_O of every cell, 16 bytes for each of at most `max_cells` cells.
     first_row, first_col
-        Lattice index of cell (0, 0); the cell's corner lies at (first_col, first_row) times the resolution.
+        Lattice index of cell (0, 0), whose corner is at (first_col, first_row) times the resolution.
     """
 
     GROWTH = 1.2
@@ -123,12 +116,9 @@ class EvidenceGrid:
     def to_tbm_grid(self, keep_conflict: bool = False) -> TbmGrid:
         """Return the masses of every cell.
 
-        Parameters
-        ----------
-        keep_conflict
-            False: Dempster's rule, the conflict is normalised away (as vinySLAM stores it). True: hits and misses
-            stand as two sources and are combined conjunctively, eq. 5, so that a cell that was both hit and passed
-            through, such as a door or a chair that moved, keeps the conflict as a mass.
+        Dempster's rule normalises the conflict away (as in vinySLAM). With `keep_conflict`, hits and misses are two
+        sources that are combined conjunctively (eq. 5): a cell that was both hit and passed, such as a door, keeps the
+        conflict as a mass.
         """
         free_ratio, occupied_ratio = self.ratios[..., 0], self.ratios[..., 1]
         masses: npt.NDArray[np.float32] = np.empty((*free_ratio.shape, 4), dtype=np.float32)

@@ -273,23 +273,12 @@ def masses_from_occupancy(occupancy: npt.NDArray[np.int8]) -> Masses:
 
 
 def masses_from_probability(probability: FloatArray, known: npt.NDArray[np.bool_]) -> Masses:
-    """Return the least committed beliefs whose pignistic value is a given probability, discounted.
+    """Return the least committed beliefs (..., 4) with a given pignistic probability (...), discounted.
 
-    Of all beliefs with pignistic value p, the one with the most mass on UNKNOWN is m(OCCUPIED) = 2p - 1 for p above one
-    half, m(FREE) = 1 - 2p below, and the rest on UNKNOWN (Dubois, Prade, Smets, "A definition of subjective
-    possibility", 2008): so nothing is claimed that the probability does not say, and p of one half is no evidence. It
-    is then discounted by `RELIABILITY`: a certain cell keeps a mass of 0.1 on UNKNOWN, and an unknown one has 1.
-
-    Parameters
-    ----------
-    probability
-        Probability (...) of being occupied, in [0, 1] where `known`.
-    known
-        Where there is evidence (...).
-
-    Returns
-    -------
-    Masses (..., 4).
+    Of all beliefs with pignistic value p, the one with the most mass on UNKNOWN has m(OCCUPIED) = 2p - 1 for p above
+    one half, m(FREE) = 1 - 2p below, and the rest on UNKNOWN (Dubois, Prade, Smets, "A definition of subjective
+    possibility", 2008). It claims nothing beyond the probability, and p of one half is no evidence. It is then
+    discounted by `RELIABILITY`: a certain cell keeps a mass of 0.1 on UNKNOWN. Cells that are not `known` get 1.
     """
     lean = np.where(known, 2.0 * probability - 1.0, 0.0) * RELIABILITY
     masses: Masses = np.zeros((*lean.shape, 4), dtype=np.float32)

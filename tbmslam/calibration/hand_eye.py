@@ -57,18 +57,9 @@ def sensor_place(
 ) -> SensorPlace | None:
     """Estimate the pose of the laser on the robot; None if there are too few motions.
 
-    Parameters
-    ----------
-    stamps
-        Times (K,) [s] of the poses.
-    odometry
-        Poses (K, 3) of the robot by odometry; nan where there was none.
-    sensors
-        Poses (K, 3) of the laser in the map.
-    parts
-        The drive is divided into so many parts. The differences of their estimates give the standard deviations.
-    least
-        The least number of motions of a part.
+    `odometry` (K, 3) are the poses of the robot by odometry at times (K,) [s], nan if unknown, and `sensors` (K, 3)
+    those of the laser in the map. The drive is divided into `parts` with at least `least` motions each. The differences
+    of their estimates give the standard deviations.
     """
     _, slopes, sides = motions_of(stamps, odometry, sensors)
     if len(sides) < parts * least:
@@ -140,24 +131,15 @@ def solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def deviations_of_parts(values: FloatArray, informations: FloatArray, mean: FloatArray) -> FloatArray:
-    """Return the standard deviations (n,) of joint estimates: the larger of the formal and the empirical ones.
+    """Return the standard deviations (n,) of a joint estimate (n,): the larger of the formal and the empirical ones.
 
-    The formal ones follow from the informations A_p of the parts and their sum A. The empirical ones are the roots of
-    the diagonal of
+    The formal ones follow from the informations A_p (P, n, n) of the estimates v_p (P, n) of P >= 2 parts, and their
+    sum A. The empirical ones are the roots of the diagonal of
 
         P / (P - 1)  A^-1  sum_p A_p (v_p - m) (v_p - m)^T A_p  A^-1
 
     which is valid even if the informations are wrong (K.-Y. Liang, S. Zeger, "Longitudinal data analysis using
     generalized linear models", Biometrika 1986, its V_G for P clusters).
-
-    Parameters
-    ----------
-    values
-        Estimates of P >= 2 parts (P, n).
-    informations
-        Information of each estimate (P, n, n).
-    mean
-        Joint estimate m (n,).
     """
     parts = len(values)
     formal = np.linalg.inv(informations.sum(axis=0))

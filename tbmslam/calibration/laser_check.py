@@ -259,14 +259,9 @@ class LaserCheckConfig(FrozenConfig):
 def laser_warnings(
     errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig, range_offset: float = 0.0
 ) -> dict[str, str]:
-    """Return the warnings about the angles and the ranges that the walls contradict.
+    """Return the warnings about angles and ranges that the walls contradict, from the errors of the scans as read.
 
-    Parameters
-    ----------
-    errors
-        Estimated errors of the scans as they were read.
-    range_offset
-        The correction that was added to every range when it was read [m].
+    `range_offset` is the correction that was added to every range when it was read [m].
     """
     warnings = {}
     if abs(errors.scale) > max(config.scale, config.sure * errors.scale_deviation):

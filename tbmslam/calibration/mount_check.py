@@ -53,12 +53,7 @@ class MountCheckConfig(FrozenConfig):
 def mount_warning(keyframes: Keyframes, odometry: FloatArray, config: MountCheckConfig) -> str | None:
     """Return a warning if odometry and scans contradict the stated mount of the laser, else None.
 
-    Parameters
-    ----------
-    keyframes
-        Scans at their final poses.
-    odometry
-        Poses (K, 3) of the robot at the same moments by odometry; nan where there was none.
+    `odometry` (K, 3) are the poses of the robot by odometry at the keyframes; nan if unknown.
     """
     if not config.enabled or len(keyframes) < 2 or np.ptp(keyframes.sensor_poses, axis=0).any():
         return None
@@ -123,14 +118,9 @@ class MountChange(NamedTuple):
 
 
 def mount_changes(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray, least: float) -> list[MountChange]:
-    """Return the rotations of the laser on its robot, in the order of the drive.
+    """Return the rotations of the laser on its robot, larger than `least` [rad], in the order of the drive.
 
-    Parameters
-    ----------
-    stamps, odometry, sensors
-        Times (K,) [s], poses (K, 3) of the robot by odometry, nan where there was none, and of the laser in the map.
-    least
-        Smallest rotation that counts [rad].
+    The poses (K, 3) are those of the robot by odometry, nan if unknown, and of the laser in the map, at times (K,) [s].
     """
     if len(stamps) < 2:
         return []

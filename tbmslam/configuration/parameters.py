@@ -19,23 +19,10 @@ class ConfigError(TbmSlamError):
 
 
 def changed(config: Config, changes: Mapping[str, object], source: str = "configuration") -> Config:
-    """Return a configuration with some parameters changed.
+    """Return a configuration with new values from nested tables, as from TOML.
 
-    If a table may be of several kinds, as the tracker, another `kind` starts with the defaults of that kind.
-
-    Parameters
-    ----------
-    config
-        The configuration; its tables are pydantic models or dataclasses.
-    changes
-        New values in nested tables, as from TOML.
-    source
-        The source of the changes, for messages.
-
-    Raises
-    ------
-    ConfigError
-        If a key is unknown (the message names the most similar key), or a value is invalid.
+    If a table may be of several kinds, as the tracker, another `kind` starts with the defaults of that kind. A
+    `ConfigError` names the `source` of an unknown key, with the most similar key, or of an invalid value.
     """
     names = list(parameter_names(config))
     try:

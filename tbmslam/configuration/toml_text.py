@@ -20,21 +20,10 @@ _WIDTH = 100
 def config_text(
     config: object, heading: str = "", leave_out: Collection[str] = (), reference: object | None = None
 ) -> str:
-    """Return a configuration as TOML with a comment for each parameter.
+    """Return a configuration as TOML with a comment for each parameter, under a heading.
 
-    A parameter without a value is a comment, as TOML has no null.
-
-    Parameters
-    ----------
-    config
-        A pydantic model, or a dataclass whose types are annotated with descriptions; tables in it are such as well.
-    heading
-        Comment at the top.
-    leave_out
-        Tables and parameters to leave out.
-    reference
-        A configuration of the same type. Constants (see `FrozenConfig.PUBLIC`) are left out where they have its values;
-        None for all parameters.
+    A parameter without a value becomes a comment, since TOML has no null. Tables and parameters in `leave_out` are left
+    out, and so are constants (see `FrozenConfig.PUBLIC`) with the value of the `reference`.
     """
     document = tomlkit.document()
     for line in textwrap.wrap(heading, _WIDTH):

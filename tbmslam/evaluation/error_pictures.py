@@ -33,22 +33,9 @@ class Backdrop:
 def draw_trajectory_errors(
     points: FloatArray, errors: FloatArray, unit: str, backdrop: Backdrop | None = None
 ) -> Picture:
-    """Draw a trajectory coloured by its error, from dark blue for 0 to dark red for the largest.
+    """Draw positions (N, 2) coloured by their errors (N,), from dark blue for 0 to dark red for the largest.
 
-    Parameters
-    ----------
-    points
-        Positions (N, 2), N > 0 [m].
-    errors
-        Error (N,) at each.
-    unit
-        Unit of the errors, for the legend.
-    backdrop
-        The map or the truth, drawn in light grey in the background.
-
-    Returns
-    -------
-    A colour picture, y up, with a scale beneath.
+    Returns a colour picture, y up, with a scale in the given unit beneath. The backdrop is drawn in light grey.
     """
     import cv2  # noqa: PLC0415  measuring needs no pictures
 

@@ -43,10 +43,7 @@ class MapAgreement:
 def cell_labels(grid: TbmGrid, min_evidence: float = 0.0) -> Labels:
     """Return the label of each cell (rows, cols) of a map by the larger mass: occupied or free.
 
-    Parameters
-    ----------
-    min_evidence
-        Largest mass of free and occupied, normalised without conflict, of UNKNOWN cells.
+    Cells are UNKNOWN if neither mass, normalised without conflict, exceeds `min_evidence`.
     """
     labels = np.full(grid.cells.shape[:2], UNKNOWN, dtype=np.uint8)
     for rows, cols, masses in grid.pieces():
@@ -58,13 +55,7 @@ def cell_labels(grid: TbmGrid, min_evidence: float = 0.0) -> Labels:
 
 
 def map_agreement(labels: Labels, truth: Labels) -> MapAgreement:
-    """Compare a map's cells with the true ones.
-
-    Parameters
-    ----------
-    labels, truth
-        What each cell (rows, cols) is, on the same cells.
-    """
+    """Compare the labels (rows, cols) of a map with the true labels of the same cells."""
     if labels.shape != truth.shape:
         raise ValueError(f"labels and truth must have the same shape, got {labels.shape} and {truth.shape}")
     both = (labels != UNKNOWN) & (truth != UNKNOWN)
@@ -119,28 +110,11 @@ class MapRefinementError(TbmSlamError):
 def refine_map_transform(
     labels: Labels, geometry: GridGeometry, truth: Labels, truth_geometry: GridGeometry, T_truth_map: SE2
 ) -> SE2:
-    """Refine the pose of a map so that its occupied cells match the true ones.
+    """Refine T_truth_map, known to about a metre and a few degrees, so that the occupied cells match the true ones.
 
     Least squares on the distance to the nearest true wall (Fitzgibbon, "Robust registration of 2D and 3D point sets",
-    2003), with a robust loss that narrows: what is missing in one map does not pull.
-
-    Parameters
-    ----------
-    labels, geometry
-        Labels and geometry of the map.
-    truth, truth_geometry
-        Labels and geometry of the truth.
-    T_truth_map
-        Initial pose, within about a metre and a few degrees.
-
-    Returns
-    -------
-    The refined T_truth_map.
-
-    Raises
-    ------
-    MapRefinementError
-        A map has no occupied cell.
+    2003), with a robust loss that narrows, so that walls missing in one map have no influence. Raises a
+    `MapRefinementError` if a map has no occupied cell.
     """
     points = _occupied_centres(labels, geometry)
     if not len(points) or not (truth == OCCUPIED).any():

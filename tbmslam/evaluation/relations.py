@@ -40,18 +40,11 @@ def matching_stamps(
 def matching_poses(
     first: FloatArray, second: FloatArray, tolerance: float
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return indices into the stamps (N,), (M,) of two trajectories, both in the order of the recording.
+    """Return indices of matching stamps (N,), (M,) of two trajectories, both in the order of the recording [s].
 
-    Where the first one's stamps step back, several of its poses may have about the same stamp. Stamps rise within runs,
-    from one step back to the next; of these poses those are taken that go on in the first trajectory's run as long as
-    the second goes on in its own, and pass into a later run where that does; among equals, those of the nearest stamps.
-
-    Parameters
-    ----------
-    first, second
-        Stamps in the order of the recording [s].
-    tolerance
-        Largest difference of matching stamps [s].
+    If the stamps of the first step back, several of its poses may have similar stamps. Stamps rise within runs, from
+    one step back to the next. Matches continue in a run of the first trajectory as long as the second continues in its
+    own run, and change to a later run with it. Of equals, the nearest stamp is taken, at most `tolerance` away [s].
     """
     if len(first) < 2 or (np.diff(first) > 0.0).all():
         return matching_stamps(first, second, tolerance)
@@ -166,13 +159,7 @@ def read_relations(path: Path) -> Relations:
 
 
 def relation_errors(relations: Relations, trajectory: Trajectory, tolerance: float = 1e-3) -> RelationErrors:
-    """Compare the relative motions of a trajectory with the truth.
-
-    Parameters
-    ----------
-    tolerance
-        Largest difference between the stamps of a pose and of a relation [s].
-    """
+    """Compare the relative motions of a trajectory with the truth; stamps match within a tolerance [s]."""
     indices = np.full(relations.stamps.shape, -1, dtype=np.int64)
     for end in (0, 1):
         found, relation = matching_stamps(trajectory.stamps, relations.stamps[:, end], tolerance)

@@ -15,15 +15,10 @@ from tbmslam.geometry.trajectory import Trajectory
 
 
 def fit_rigid(target: npt.ArrayLike, source: npt.ArrayLike) -> tuple[SE2, float]:
-    """Return the rigid motion T_target_source with the least squared distance, and the best fitting scale.
+    """Return the least-squares rigid motion T_target_source of corresponding points (N, 2), and the best scale.
 
-    Umeyama, "Least-squares estimation of transformation parameters between two point patterns", 1991, in the plane and
-    with the scale reported, not applied. The scale of coincident points is nan.
-
-    Parameters
-    ----------
-    target, source
-        Points (N, 2) that belong together [m].
+    Umeyama, "Least-squares estimation of transformation parameters between two point patterns", 1991, in the plane. The
+    best scale is returned, but not applied. For coincident points it is nan.
     """
     target, source = np.asarray(target, dtype=np.float64), np.asarray(source, dtype=np.float64)
     target_mean, source_mean = target.mean(axis=0), source.mean(axis=0)
@@ -115,19 +110,10 @@ def relative_errors(
     seconds: float | None = None,
     max_stamp_difference: float = 0.01,
 ) -> RelativeErrors:
-    """Compare consecutive steps of a given length with the truth, eq. 1 there.
+    """Compare consecutive steps of a given true distance [m] or duration [s] with the truth, eq. 1 there.
 
-    Parameters
-    ----------
-    truth, estimate
-        Poses match if their stamps differ by at most `max_stamp_difference` seconds.
-    distance, seconds
-        Length of a step: a true travelled distance [m] or a duration [s].
-
-    Raises
-    ------
-    TrajectoryAlignmentError
-        The trajectories have no common step.
+    Poses match if their stamps differ by at most `max_stamp_difference` [s]. Raises a `TrajectoryAlignmentError` if the
+    trajectories have no common step.
     """
     if (distance is None) == (seconds is None):
         raise ValueError(f"one of distance and seconds must be given, got {distance} and {seconds}")
@@ -215,14 +201,9 @@ _LEAST_S = 0.02
 
 
 def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float) -> str | None:
-    """Return which constant explains most of the error, in one line; None if there is none.
+    """Return the constant that explains most of the error, in one line; None if there is none.
 
-    Parameters
-    ----------
-    truth, estimate
-        The true and the estimated trajectory of a drive.
-    max_stamp_difference
-        Largest difference of the stamps of matching poses [s].
+    Poses match if their stamps differ by at most `max_stamp_difference` [s].
     """
     i, j = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
     if len(i) < 3:

@@ -75,13 +75,9 @@ def drive_speeds(stamps: FloatArray, poses: FloatArray) -> FloatArray:
 
 
 def turn_rates(stamps: FloatArray, headings: FloatArray) -> FloatArray:
-    """Return the turn rates (K,) of a robot [rad/s] at headings (K,) [rad], K > 1.
+    """Return the turn rates (K,) of a robot [rad/s] at headings (K,) [rad] and times (K,) [s], K > 1.
 
-    Parameters
-    ----------
-    stamps
-        Times (K,) [s]. Where the clock stands or steps back the speed is unknown and counts as zero,
-        which has no say in what follows from speeds, while the fastest there is would have the most.
+    If the clock stands or steps back, the rate is unknown and counts as zero, so that it has no influence.
     """
     return _per_second(np.gradient(np.unwrap(headings)), stamps, _FASTEST_TURN)
 

@@ -19,20 +19,10 @@ class FileNotWrittenError(TbmSlamError):
 def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | None = None) -> Iterator[Path]:
     """Yield a temporary path beside `path`, and rename it to `path` if the block succeeds.
 
-    The new file is on the disk before it takes the name, and the name before this returns, so that a crash or a power
-    cut leaves the old file or the new one. Missing parent folders are made. A file has one writer at a time.
-
-    Parameters
-    ----------
-    make_way
-        Called when the new file is on the disk, where nothing but an interruption can keep it from its name any more:
-        removes what would be wrong beside it.
-
-    Raises
-    ------
-    FileNotWrittenError
-        The folder or the file cannot be written; the temporary file is gone. Or at the place stands something else
-        than a file, such as a device, which would be gone.
+    The new file is on the disk before the renaming, and the name before the return, so a crash or a power cut leaves
+    the old file or the new one. Missing parent folders are made. A file has one writer at a time. `make_way` is called
+    just before the renaming, to remove files that would not match. Raises a `FileNotWrittenError`, and removes the
+    temporary file, if the file cannot be written, or if the path is not a file but a device, for example.
     """
     target = Path(path)
     if not target.name:

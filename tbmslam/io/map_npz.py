@@ -130,17 +130,9 @@ class ArrayZip:
         return f"{name}.npy" in self._archive.namelist()
 
     def shape(self, name: str, dtype: npt.DTypeLike, shape: tuple[int | None, ...]) -> tuple[int, ...]:
-        """Return the shape of an array by its header, after checks that do not read the array.
+        """Return the shape of an array from its header, after checks without reading it; None is any length.
 
-        Parameters
-        ----------
-        dtype, shape
-            The expected shape; None stands for any length.
-
-        Raises
-        ------
-        NpzError
-            The array is missing, of another type or shape, or its size is not that of its data.
+        Raises an `NpzError` if the array is missing, of another type or shape, or its size is not that of its data.
         """
         with self._entry(name) as (stream, info):
             return _checked_shape(stream, info, name, dtype, shape)

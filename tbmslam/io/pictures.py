@@ -54,14 +54,10 @@ def write_pictures(folder: str | os.PathLike[str], grid: TbmGrid) -> None:
 
 
 def draw_grid(grid: TbmGrid) -> dict[str, Picture]:
-    """Draw the pignistic probability and each mass.
+    """Draw the pignistic probability and each mass as grey pictures (rows, cols), the first row at the largest y.
 
-    White is all of a mass; in the pignistic picture free is white, occupied black and unknown grey (Dobrokhvalov and
-    Filatov 2021, figure 1).
-
-    Returns
-    -------
-    Grey pictures (rows, cols) named pignistic, occupied, free, unknown and conflict; the first row is the largest y.
+    The pictures are pignistic, occupied, free, unknown and conflict. White is a mass of one. In the pignistic picture
+    free is white, occupied black and unknown grey (Dobrokhvalov and Filatov 2021, figure 1).
     """
     rows, cols = grid.geometry.rows, grid.geometry.cols
     pictures = {name: np.empty((rows, cols), dtype=np.uint8) for name in PICTURE_NAMES}

@@ -71,12 +71,8 @@ class DriftGraph:
 class ChainDrift:
     """Sums of the covariances along a drive, so that the drift between two keyframes is one difference.
 
-    Parameters
-    ----------
-    poses
-        Poses (K, 3) of the keyframes as tracked.
-    covariances
-        Covariances of the motions from each to the next (K - 1, 3, 3), in the frame at its end.
+    `poses` (K, 3) are the keyframes as tracked, and `covariances` (K - 1, 3, 3) those of the motions in the frame at
+    their end.
     """
 
     def __init__(self, poses: FloatArray, covariances: FloatArray) -> None:
@@ -125,20 +121,9 @@ class NearTargets(NamedTuple):
 class ClosingTargets:
     """Segments of a drive through unexplored places, as targets of loop closure.
 
-    A segment becomes a target some distance after its end, unless it was itself registered to older targets. So a robot
-    that repeats a round has targets on its first round only, and the cost of a search does not grow with the rounds.
-    (Cartographer trims submaps by the area they cover instead.)
-
-    Parameters
-    ----------
-    hits
-        Hits of the drive's keyframes.
-    config
-        The parameters of submaps.
-    min_gap
-        Travelled length after which a segment may be met again [m].
-    familiar
-        Share of a segment's searched keyframes that makes it registered to older targets.
+    A segment becomes a target after a further length `min_gap` [m], unless a share `familiar` of its searched keyframes
+    was registered to older targets. So a robot that repeats a round has targets on its first round only, and the cost
+    of a search does not grow with the rounds. (Cartographer trims submaps by the area they cover instead.)
 
     Attributes
     ----------

@@ -29,18 +29,8 @@ _CONTRADICTION = 200.0
 class DriftTest:
     """Tests elected places against the motions of the drive.
 
-    Parameters
-    ----------
-    chain
-        Motions between consecutive keyframes.
-    targets
-        The submaps of the elected poses.
-    hits
-        Hits of the drive's keyframes.
-    robust_width
-        Width of the kernel of closures [standard deviations].
-    length, points
-        Path before and after a keyframe [m] that a bundle covers, and the bundle's number of hits.
+    Closures have a robust kernel of `robust_width` standard deviations. A bundle covers a `length` of the path before
+    and after a keyframe [m] and has a number of `points`.
     """
 
     def __init__(
@@ -62,18 +52,10 @@ class DriftTest:
         poses: FloatArray,
         closures: Sequence[MotionEdge],
     ) -> bool:
-        """Return whether the drift and the free space allow elected poses.
+        """Return whether the drift and the free space allow elected poses, given in the order of the drive.
 
-        Parameters
-        ----------
-        elected
-            Poses that agree, in the order of the drive.
-        covariance
-            Covariance (3, 3) of the last one's fit, in its keyframe's frame.
-        poses
-            Poses (K, 3) of the laser at the keyframes.
-        closures
-            Closures so far.
+        `covariance` (3, 3) is that of the last fit, in its keyframe's frame. `poses` (K, 3) are those of the laser at
+        the keyframes. `closures` are the earlier closures.
         """
         surprise = self._surprise(elected[-1], covariance, poses, closures)
         if surprise <= _SURPRISING:

@@ -51,10 +51,7 @@ class PlaceIndex:
     def likeliest(self, signature: FloatArray, log_prior: FloatArray, count: int) -> npt.NDArray[np.int64]:
         """Return up to `count` most likely places of a signature, the likeliest first.
 
-        Parameters
-        ----------
-        log_prior
-            Log-probability of the first P places without the signature; -inf leaves a place out.
+        `log_prior` (P,) is the log-probability of the first places without the signature; -inf excludes a place.
         """
         known = len(log_prior)
         log_likelihoods = log_prior + _CERTAINTY * (self._signatures[:known] @ signature)
@@ -78,18 +75,8 @@ _ALONE = 10.0
 class FarSearch:
     """Proposes poses of a keyframe in targets beyond its window, the likeliest ones by their signatures.
 
-    Parameters
-    ----------
-    hits
-        Hits of the drive's keyframes.
-    targets
-        The targets of the search.
-    drift
-        The drift of the drive.
-    window
-        Largest distance of the usual search from the current pose [m].
-    reach
-        Largest distance of a keyframe from the path of a target [m].
+    The window is the largest distance of the usual search from the current pose [m], and `reach` the largest distance
+    of a keyframe from the path of a target [m].
     """
 
     def __init__(

@@ -105,14 +105,7 @@ class LoopCloser:
     ) -> tuple[FloatArray, list[MotionEdge]]:
         """Return the corrected poses (N, 3) of the laser at every keyframe, and the closures that corrected them.
 
-        Parameters
-        ----------
-        poses
-            Poses (N, 3) of the laser as tracked.
-        chain
-            Motions between consecutive keyframes.
-        progress
-            Receives the progress.
+        `poses` (N, 3) are those of the laser as tracked, and `chain` the motions between consecutive keyframes.
         """
         drive = _Drive(self._config, self._surfels, poses, scans, chain, progress or Progress())
         drive.search_forward()

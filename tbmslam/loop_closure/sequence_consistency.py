@@ -52,13 +52,7 @@ class PlacedBundle(NamedTuple):
 
 
 class ClosureVotes:
-    """Collects the finds along a drive.
-
-    Parameters
-    ----------
-    travelled
-        Length of the path to each keyframe (K,) [m].
-    """
+    """Collects the finds along a drive, by the length of the path to each keyframe (K,) [m]."""
 
     def __init__(self, config: ClosureVotesConfig, travelled: FloatArray) -> None:
         self._config = config
@@ -81,10 +75,7 @@ class ClosureVotes:
     def elected(self, poses: FloatArray) -> list[PlacedBundle]:
         """Return the votes that agree if they outweigh all others, else none.
 
-        Parameters
-        ----------
-        poses
-            Current poses (K, 3) of the laser at the keyframes.
+        `poses` (K, 3) are the current poses of the laser at the keyframes.
         """
         config = self._config
         stops = np.array([vote.keyframe for vote in self._votes], dtype=np.int64)

@@ -103,16 +103,9 @@ class Drive:
 
 
 def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor_poses: FloatArray) -> FloatArray:
-    """Return the poses (N, 3) of a drive after its anchors moved; poses between two anchors follow both.
+    """Return the poses (N, 3) of a drive after those at rising indices `anchors` (K,) moved to `anchor_poses` (K, 3).
 
-    Parameters
-    ----------
-    poses
-        Poses (N, 3) as tracked.
-    anchors
-        Rising indices (K,) of the poses that were moved.
-    anchor_poses
-        Their new poses (K, 3).
+    Poses between two anchors follow both.
     """
     if len(anchors) == 0:
         return poses.copy()

@@ -54,16 +54,9 @@ class ScanInserter:
         self._factors: dict[tuple[float, float], BeamFactors] = {}
 
     def insert(self, scan: LaserScan, T_map_sensor: SE2, grid: EvidenceGrid, scan_quality: float = 1.0) -> None:
-        """Insert a scan taken with the laser at `T_map_sensor`; the grid grows as needed.
+        """Insert a scan of the laser at `T_map_sensor` into a grid, which grows as needed.
 
-        Parameters
-        ----------
-        T_map_sensor
-            Pose of the laser in the grid's frame.
-        grid
-            The grid to write into.
-        scan_quality
-            Weight in [0, 1] of the evidence of every beam.
+        `scan_quality` in [0, 1] is the weight of the evidence of every beam.
         """
         limit, no_return = self._config.max_range, self._config.no_return
         starts, ends, is_hit, corners = beams_of_scan(

@@ -37,21 +37,9 @@ class ScanHits:
 
 
 class DriveHits:
-    """The hits of all keyframes of a drive and their poses.
+    """The hits of all keyframes of a drive and their poses (K, 3) as tracked: x [m], y [m], theta [rad].
 
-    Parameters
-    ----------
-    scans
-        Hits of the scans.
-    poses
-        Poses (K, 3) of the laser as tracked: x [m], y [m], theta [rad].
-
-    Attributes
-    ----------
-    scans, poses
-        As given.
-    travelled
-        Length of the way up to each keyframe (K,) [m].
+    `travelled` (K,) is the length of the path to each keyframe [m].
     """
 
     def __init__(self, scans: ScanHits, poses: FloatArray) -> None:
@@ -73,14 +61,7 @@ class DriveHits:
     def placed(self, chosen: npt.NDArray[np.int64], frame: int, at_least: int = _ALL) -> Hits:
         """Return the hits of some keyframes in the frame of a keyframe.
 
-        Parameters
-        ----------
-        chosen
-            Indices of the keyframes.
-        frame
-            Index of that keyframe.
-        at_least
-            Every n-th hit is enough, as long as this many are left, where there are as many; all by default.
+        Only every n-th hit is returned, with the largest n that leaves `at_least` hits; by default all.
         """
         scans = self.scans
         return Hits(*place_hits(scans.points, scans.normals, scans.offsets, chosen, self.poses, frame, at_least))

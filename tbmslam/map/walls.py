@@ -33,34 +33,16 @@ Indices = npt.NDArray[np.int64]
 
 
 def compare(moving: Walls, some: Indices, fixed: Walls, motions: list[SE2], limits: Limits) -> FloatArray:
-    """Return weighted sums (M, 8) over some walls (K,) of one map, compared with another map.
+    """Return weighted sums (M, 8) over some moving walls (K,) for motions T_fixed_moving, see `compare_walls`.
 
-    Parameters
-    ----------
-    moving, fixed
-        The map whose walls are compared, and the map with which they are compared.
-    some
-        Indices of the compared walls of the moving map.
-    motions
-        T_fixed_moving, as many as wanted.
-    limits
-        The thresholds of agreement and contradiction.
-
-    Returns
-    -------
-    Columns COMPARED, AGREED, CONFLICTING, UNSEEN, the scatter XX, XY, YY of the agreeing walls' normals, and SQUARES of
-    their distances [m^2], all counted in weights of walls.
+    The columns are COMPARED, AGREED, CONFLICTING, UNSEEN, the scatter XX, XY, YY of the normals of agreeing walls, and
+    SQUARES of their distances [m^2].
     """
     return compare_walls(moving, some, fixed, np.array(motions, dtype=np.float64).reshape(-1, 3), limits)
 
 
 def hold(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits: Limits) -> npt.NDArray[np.uint8]:
-    """Return the class of each wall (K,) of one map under a transform to another map's frame.
-
-    Returns
-    -------
-    OUTSIDE what the fixed map knows, or one of AGREES, CONFLICTS, NEITHER and NOT_SEEN, as `compare` counts them.
-    """
+    """Return the class of some walls (K,) of the moving map, see `classify_walls`: AGREES, CONFLICTS and so on."""
     return classify_walls(moving, some, fixed, T_fixed_moving, limits)
 
 
@@ -78,21 +60,11 @@ def slide(
     reaches: FloatArray,
     facing: float,
 ) -> list[SE2]:
-    """Slide walls onto walls point to line, in both directions, from first guesses (Chen and Medioni 1992; Censi 2008).
+    """Refine motions T_target_source by point-to-line ICP in both directions (Chen and Medioni 1992; Censi 2008).
 
-    Only walls that face the same way are matched. The weight decreases with the distance (Geman-McClure), so that moved
-    or distorted walls have little influence.
-
-    Parameters
-    ----------
-    target_some, source_some
-        Indices of the walls that are matched.
-    motions
-        First guesses of T_target_source.
-    reaches
-        Largest distance of a match in each iteration [m].
-    facing
-        Least cosine between the normals of walls that may be one.
+    Each reach is the largest distance of a match in one iteration [m]. Only walls with similar normals match, with a
+    cosine of at least `facing`. The weight decreases with the distance (Geman-McClure), so that moved or distorted
+    walls have little influence.
     """
     start = np.array(motions, dtype=np.float64).reshape(-1, 3)
     slid = slide_walls(target, target_some, source, source_some, start, reaches, facing)

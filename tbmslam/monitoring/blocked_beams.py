@@ -41,12 +41,7 @@ class BlockedSpans:
     def end(self, beams: _Beams, since: FloatArray, farthest: FloatArray, stamp: float) -> None:
         """Note that beams (B,) are no longer blocked at a stamp [s].
 
-        Parameters
-        ----------
-        since
-            Stamps (B,) since when they were blocked [s].
-        farthest
-            Their largest ranges (B,) while they were blocked [m].
+        They were blocked since stamps `since` (B,) [s], with largest ranges `farthest` (B,) [m].
         """
         for span in _spans(beams, since, farthest, stamp):
             self._timetable = None

@@ -42,12 +42,8 @@ def impossible_speed(
 ) -> ImpossibleSpeed | None:
     """Return the fastest part of a drive if it is faster than any robot; None otherwise, or if odometry confirms it.
 
-    Parameters
-    ----------
-    stamps, poses
-        Times (N,) [s], which may step back, and poses (N, 3) of the robot in the map.
-    keyframe_stamps, odometry
-        Times (K,) [s] and poses (K, 3) of the robot by odometry at keyframes; nan if there was none.
+    `poses` (N, 3) are those of the robot in the map at times (N,) [s], which may step back, and `odometry` (K, 3) those
+    by odometry at the keyframes, nan if unknown.
     """
     times = _times_since_begin(stamps)
     # At most one pose per second of the recording: the clock may have stepped over years.
@@ -153,16 +149,9 @@ _TIME_STEP_S = 0.1
 
 
 class DriveReview:
-    """Checks a whole drive.
+    """Checks a whole drive, whose warnings have times since `started` [s].
 
-    Parameters
-    ----------
-    mount, lengths
-        Thresholds for the mount of the laser and the lengths of the odometry.
-    started
-        Time zero of the warnings [s].
-    scale
-        Factor by which the lengths of the odometry were multiplied.
+    `scale` is the factor by which the lengths of the odometry were multiplied.
     """
 
     def __init__(self, mount: MountCheckConfig, lengths: OdometryCheckConfig, started: float, scale: float) -> None:

@@ -94,17 +94,8 @@ def odometry_scale(keyframes: Sequence[TrackedKeyframe], wheels: FloatArray, sca
 
     The median is over many short sections, so occasional slip does not change it. Only sections count whose lengths the
     scans determine: in a featureless corridor, or where the laser sees hardly anything, scans follow the odometry.
-
-    Parameters
-    ----------
-    keyframes
-        Keyframes as tracked.
-    wheels
-        Poses (K, 3) of the robot at them by odometry; nan if there was none.
-    scale
-        Share by which lengths must differ for a warning.
-    lengths
-        Least number of compared sections.
+    `wheels` (K, 3) are the poses of the robot by odometry at the keyframes, nan if unknown. A warning needs a relative
+    difference of `scale`, and at least `lengths` sections.
     """
     if len(keyframes) < 2:
         return 1.0
@@ -191,13 +182,7 @@ _FARTHEST = 40.0
 
 
 def agreeing_share(before: LaserScan, after: LaserScan, T_before_after: SE2) -> float:
-    """Return the share of a scan's hits in view of the next scan that this confirms; 1 if few are in view.
-
-    Parameters
-    ----------
-    T_before_after
-        Pose of the laser at the later scan in its frame at the earlier scan.
-    """
+    """Return the share of a scan's hits in view of the next scan that this confirms; 1 if few are in view."""
     points = T_before_after.inverse().apply(before.hits(_FARTHEST).points)
     step, beams = after.angle_increment, len(after.ranges)
     if not len(points) or not beams or step == 0.0:

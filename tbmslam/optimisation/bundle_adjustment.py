@@ -132,16 +132,7 @@ def adjust(
 
 
 class RigidStretches:
-    """Drives in short rigid segments ("stretches").
-
-    Parameters
-    ----------
-    poses
-        Poses (K, 3) of the laser at the keyframes of all drives, one drive after the other.
-    counts
-        Number of keyframes of each drive.
-    config
-        The length of a segment.
+    """Drives in short rigid segments ("stretches"), from poses (K, 3) of the laser at the keyframes of all drives.
 
     Attributes
     ----------
@@ -227,29 +218,11 @@ def stretch_begins(poses: FloatArray, config: AdjustmentConfig) -> npt.NDArray[n
 
 
 class WallLines:
-    """The equations of hits on straight pieces of wall, whose lines move with the poses.
+    """The equations of hits on straight pieces of wall, whose lines move with the poses (N, 3) of the segments.
 
-    Hits with normals define the lines. Other hits, seen from afar or near an edge, belong to the nearest line.
-
-    Parameters
-    ----------
-    every
-        Every n-th hit is used.
-    poses
-        Poses (N, 3) of the segments.
-    shift
-        Origin of the cells [m].
-    config
-        The parameters of pieces of wall.
-
-    Attributes
-    ----------
-    count
-        Number of pieces.
-    seen
-        The lines and their sightings.
-    own, system, gradient
-        See `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
+    Hits with normals define the lines. Other hits, seen from afar or near an edge, belong to the nearest line. Every
+    n-th hit is used. The cells of pieces are offset by `shift` [m]. `seen` are the lines and their sightings; for
+    `own`, `system` and `gradient` see `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
     """
 
     def __init__(

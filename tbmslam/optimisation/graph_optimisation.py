@@ -107,23 +107,10 @@ def relative_covariance(
     source: int,
     target: int,
 ) -> FloatArray:
-    """Return the covariance (3, 3) of one pose as seen from another, in the frame of the former.
+    """Return the covariance (3, 3) of the target pose in the frame of the source pose, with edges as in `optimise`.
 
     It is a block of the inverse of the Gauss-Newton matrix (Kaess and Dellaert, "Covariance recovery from a square root
-    information matrix for data association", 2009).
-
-    Parameters
-    ----------
-    poses
-        Poses (N, 3): x [m], y [m], theta [rad].
-    chain
-        Trusted motions. Chain and closures together connect source and target.
-    closures
-        Motions whose weight decreases with their deviation from the poses.
-    robust_width
-        Width of their Cauchy kernel [standard deviations].
-    source, target
-        Indices of the fixed pose and of the pose in question.
+    information matrix for data association", 2009). Chain and closures together connect source and target.
     """
     nodes = np.unique([end for edge in (*chain, *closures) for end in (edge.source, edge.target)])
     numbers = np.zeros(len(poses), dtype=np.int64)

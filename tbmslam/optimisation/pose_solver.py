@@ -16,23 +16,9 @@ _MOST_STEPS = 1000
 
 
 class PoseSolver:
-    """Solver of the equations of poses.
+    """Solver of the equations of poses (N, 3) up to a relative residual of `precision`.
 
-    Parameters
-    ----------
-    poses
-        The poses (N, 3).
-    coarse
-        Knots along the drives.
-    precision
-        Share of the right side that may be left unsolved.
-    factors
-        Preconditioner of nearly the same equations, which converges nearly as fast; None to compute it.
-
-    Attributes
-    ----------
-    factors
-        The preconditioner.
+    The preconditioner `factors` of nearly the same equations converges nearly as fast; without one it is computed.
     """
 
     def __init__(
@@ -63,10 +49,7 @@ _MOST_KNOTS = 250
 def coarse_space_of(ends: Sequence[int]) -> CoarseSpace:
     """Return knots for drives whose poses come one drive after the other.
 
-    Parameters
-    ----------
-    ends
-        First pose of each drive, and the number of poses (D + 1,); each drive has a pose at least.
+    `ends` (D + 1,) are the first pose of each drive and the number of poses; each drive has at least one pose.
     """
     apart = max(_APART, -(-ends[-1] // _MOST_KNOTS))
     knots, sides, shares = list[npt.NDArray[np.int64]](), list[npt.NDArray[np.int64]](), list[npt.NDArray[np.float64]]()
@@ -93,16 +76,8 @@ def motions_of(
 ) -> Motions:
     """Return the motions between viewpoints that are fixed to poses, for `motion_systems.motion_equations`.
 
-    Parameters
-    ----------
-    believed, doubted
-        Motions between viewpoints.
-    width
-        Width of the Cauchy kernel of doubted motions [standard deviations].
-    owners
-        The pose (K,) of each viewpoint.
-    places
-        The viewpoint (K, 3) in the frame of its pose.
+    Doubted motions have a Cauchy kernel of a width [standard deviations]. `owners` (K,) is the pose of each viewpoint,
+    and `places` (K, 3) the viewpoint in the frame of its pose.
     """
     ends, measured, informations = EdgeArrays.of([*believed, *doubted])
     widths = np.repeat([np.inf, width], [len(believed), len(doubted)])

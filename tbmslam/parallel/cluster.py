@@ -24,21 +24,10 @@ class ClusterError(TbmSlamError):
 
 
 class Cluster:
-    """A connection to a Dask scheduler.
+    """A connection to a Dask scheduler, such as `tcp://host:8786`, that waits up to `timeout_s` for a worker [s].
 
-    If a worker dies, Dask runs its work on another one; the result is the same.
-
-    Parameters
-    ----------
-    address
-        Address of the scheduler, such as `tcp://host:8786`.
-    timeout_s
-        Time to wait for a first worker [s].
-
-    Raises
-    ------
-    ClusterError
-        Dask is not installed, no scheduler answers, or it has no workers.
+    If a worker dies, Dask runs its work on another one; the result is the same. Raises a `ClusterError` if Dask is not
+    installed, no scheduler answers, or there are no workers.
     """
 
     def __init__(self, address: str, timeout_s: float = 15.0) -> None:
@@ -77,18 +66,9 @@ class Cluster:
         self._client.close()
 
     def submit(self, name: str, call: Callable[..., object], *arguments: object) -> Any:
-        """Call a module's function on the cluster.
+        """Call a module's function on the cluster, under a unique name, and return the future.
 
-        Parameters
-        ----------
-        name
-            What to call it; of its own within this connection.
-        call, arguments
-            What to call, and with what: plain values, or what `submit` returned for earlier calls.
-
-        Returns
-        -------
-        The future, for `results` and later calls.
+        The arguments are plain values, or futures of earlier calls.
         """
         packages = ("tbmslam", call.__module__.partition(".")[0])
         return self._client.submit(

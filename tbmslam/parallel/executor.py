@@ -43,12 +43,7 @@ class Progress:
     ) -> Iterator[_T]:
         """Yield items, and add the time until the last one is used to a step.
 
-        Parameters
-        ----------
-        total, unit
-            Largest number of items, if known, and their name.
-        label
-            Name of the step to show; the step's own if empty.
+        `total` is the largest number of items, if known, `unit` their name, and `label` the shown name of the step.
         """
         with self.during(step):
             yield from self.shown(items, label or step, total, unit)
@@ -103,22 +98,9 @@ class Executor:
     ) -> list[Any]:
         """Return the results of calls, in their order; the first failure ends all.
 
-        Parameters
-        ----------
-        step, unit
-            Names of the step and of its items for the progress; nothing is shown if empty.
-        most_inputs
-            Number of inputs that a process of this machine keeps beside those of the call that it runs; dropped ones
-            are computed again. None keeps all.
-
-        Raises
-        ------
-        TbmSlamError
-            Raised by a call.
-        ClusterError
-            The cluster cannot be reached or gave up.
-        WorkerDiedError
-            A process of this machine died.
+        The progress shows the step with the unit of its items, if given. A local process keeps `most_inputs` inputs
+        beside those of its present call, and computes dropped ones again; None keeps all. Raises the `TbmSlamError` of
+        a call, a `ClusterError` if the cluster fails, or a `WorkerDiedError` if a local process died.
         """
         made = []
         with closing(self.outcomes(calls, step, unit, most_inputs)) as outcomes:
@@ -155,14 +137,9 @@ class Executor:
 
 
 class _MadeInputs:
-    """Inputs of calls, each computed at its first use.
+    """Inputs of calls, each computed at its first use by the call of its name.
 
-    Parameters
-    ----------
-    inputs
-        The calls that compute them, by name.
-    most
-        Number of inputs that are kept beside those of one call, the most recent ones; None keeps all.
+    Beside the inputs of the present call, the `most` recent ones are kept; None keeps all.
     """
 
     def __init__(self, inputs: Mapping[str, Call], most: int | None = None) -> None:

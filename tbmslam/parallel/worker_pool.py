@@ -21,18 +21,9 @@ _ENDING = (signal.SIGINT, signal.SIGTERM)
 class DeferredInterrupt:
     """A block that defers exceptions of signal handlers until its end.
 
-    Python runs a handler between any two steps of the main thread. If it raises in `threading.Condition.__enter__`, the
-    lock stays taken, and another thread that has to end before this one waits for it for ever.
-
-    Parameters
-    ----------
-    hurry
-        Called after the first signal, to end the block soon. A second signal is raised immediately.
-
-    Attributes
-    ----------
-    came
-        The deferred exception.
+    Python may run a handler between any two steps of the main thread. If it raises in `threading.Condition.__enter__`,
+    the lock stays taken, and threads that wait for it never end. `hurry` is called after the first signal, to end the
+    block soon; a second signal is raised immediately. `came` is the deferred exception.
     """
 
     def __init__(self, hurry: Callable[[], object]) -> None:

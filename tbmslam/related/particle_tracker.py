@@ -21,14 +21,9 @@ _FIRST_TILES = 64
 
 
 class TileMaps:
-    """As many evidence grids as there are particles.
+    """One evidence grid of shared tiles for each particle.
 
-    Parameters
-    ----------
-    resolution
-        Side of a cell [m].
-    max_cells
-        Cells of all maps' tiles together beyond which writing is refused; a cell takes 8 bytes.
+    All tiles together have at most `max_cells` cells; a cell takes 8 bytes.
     """
 
     def __init__(self, count: int, resolution: float, max_cells: int = 200_000_000) -> None:
@@ -52,23 +47,9 @@ class TileMaps:
     def insert(
         self, number: int, cells: npt.NDArray[np.int32], is_hit: npt.NDArray[np.bool_], factors: BeamFactors
     ) -> None:
-        """Add evidence to a map.
+        """Add evidence to a map by its number: for lattice cells (M, 2), each once, and whether each was hit (M,).
 
-        Parameters
-        ----------
-        number
-            Which map.
-        cells
-            Lattice cells (M, 2), each once.
-        is_hit
-            Whether they (M,) were hit, or passed.
-        factors
-            Factors of a hit and of a passage.
-
-        Raises
-        ------
-        GridTooLargeError
-            When the maps together would pass `max_cells`.
+        Raises a `GridTooLargeError` if the maps together would exceed `max_cells`.
         """
         if len(cells) == 0:
             return
@@ -210,16 +191,8 @@ class ParticleTrackerConfig(FrozenConfig):
 class ParticleTracker:
     """Places scans in the best particle's map, and lets all particles learn from keyframes.
 
-    Parameters
-    ----------
-    config
-        The filter's parameters.
-    maps
-        One empty map for every particle.
-    factors
-        Factors of a scan for the cells that it touches, each once.
-    seed
-        Of the random numbers by which particles differ.
+    `maps` has an empty map for every particle, and `factors` are those of a scan for the cells that it touches. The
+    seed determines the random numbers by which particles differ.
     """
 
     def __init__(self, config: ParticleTrackerConfig, maps: TileMaps, factors: BeamFactors, seed: int) -> None:

@@ -106,14 +106,9 @@ class MonteCarloConfig(FrozenConfig):
 
 
 class MonteCarloMatcher:
-    """Draws candidates around the best pose; an improvement that took long halves the deviation.
+    """Draws candidates around the best pose; an improvement after many draws halves the deviation.
 
-    Parameters
-    ----------
-    config
-        Deviations and limits.
-    draw_normals
-        The random generator; by default one with a fixed seed.
+    By default the random generator has a fixed seed.
     """
 
     def __init__(self, config: MonteCarloConfig, draw_normals: DrawNormals) -> None:

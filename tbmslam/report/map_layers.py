@@ -86,16 +86,9 @@ def for_display(geometry: GridGeometry, cells_of_rows: Callable[[int, int], Mass
 
 
 def drive_layers(drives: Sequence[Drive], colours: Sequence[Colour], group: str, resolution: float) -> list[Marks]:
-    """Return every drive's path, keyframes and closed loops.
+    """Return every drive's path, keyframes and closed loops in its colour, with switches in a group.
 
-    Parameters
-    ----------
-    drives, colours
-        The drives and a colour for each.
-    group
-        The group of their switches.
-    resolution
-        Size of a cell of the map below them [m].
+    `resolution` is the size of a cell of the map below them [m].
     """
     layers: list[Marks] = []
     for drive, colour in zip(drives, colours, strict=True):
@@ -114,12 +107,7 @@ def drive_layers(drives: Sequence[Drive], colours: Sequence[Colour], group: str,
 def incident_layer(drive: Drive, incidents: object, group: str) -> list[Marks]:
     """Return the positions of the robot at the incidents of a drive; empty if there are none.
 
-    Parameters
-    ----------
-    incidents
-        The incidents of run.json: objects with `stamp` [s], `at_s` [s], `what` and `all_along`. Others are ignored.
-    group
-        The group of the switch.
+    `incidents` are those of run.json: objects with `stamp` [s], `at_s` [s], `what` and `all_along`. Others are ignored.
     """
     listed = incidents if isinstance(incidents, list | tuple) else []
     known = [one for one in listed if isinstance(one, Mapping) and isinstance(one.get("stamp"), int | float)]

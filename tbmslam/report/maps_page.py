@@ -17,11 +17,8 @@ _MOST_NAMES = 5
 def joined_warnings(warnings: Mapping[str, Iterable[str]]) -> list[str]:
     """Return every warning once, with the names of its robots: robots of one recording share its warnings.
 
-    Parameters
-    ----------
-    warnings
-        The warnings of each robot, by name. Incidents of one kind become one warning with their times. Warnings of two
-        robots are joined only if the times are equal.
+    Incidents of one kind become one warning with their times. Warnings of two robots are joined only if the times are
+    equal.
     """
     names_of: dict[str, list[str]] = {}
     for name, of_robot in warnings.items():
@@ -101,14 +98,7 @@ def maps_page(
 ) -> Page:
     """Return the report of build_maps.
 
-    Parameters
-    ----------
-    making
-        The run of the program.
-    failure
-        The error that prevented further maps; None if there was none.
-    files
-        Addresses of each robot's files, by its name.
+    `failure` is the error that prevented further maps, and `files` has the addresses of each robot's files by its name.
     """
     colours = [ROBOT_COLOURS[index % len(ROBOT_COLOURS)] for index in range(len(robots))]
     first = next(iter(robots.values()))

@@ -204,14 +204,6 @@ _WANTED = (
 
 
 def downloads(page: Path, folder: Path) -> Sequence[str]:
-    """Return the addresses of a map's files, relative to a page.
-
-    Parameters
-    ----------
-    page
-        Folder of the page.
-    folder
-        Folder of the map: the same folder, or a folder in it.
-    """
+    """Return the addresses of the files of a map, relative to the folder of a page, which contains the map's folder."""
     found = [path for pattern in _WANTED for path in sorted(folder.glob(pattern)) if path.is_file()]
     return [quote(bytes(path.relative_to(page))) for path in found]

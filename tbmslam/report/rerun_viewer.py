@@ -35,20 +35,11 @@ class ViewerError(TbmSlamError):
 
 
 class RerunViewer:
-    """Streams the progress of a SLAM to Rerun; a context manager that completes the file at its end.
+    """Streams the progress of a SLAM to Rerun, live or to a .rrd file; a context manager that completes the file.
 
     Every robot is a separate entity, since the relative poses of their frames are unknown. Times are those of the
-    recording. Live viewing starts the viewer of the package.
-
-    Parameters
-    ----------
-    file
-        The .rrd file to write; None shows it live.
-
-    Raises
-    ------
-    ViewerError
-        If rerun-sdk is not installed, the file cannot be written, or no viewer can be started.
+    recording. Live viewing starts the viewer of the package. Raises a `ViewerError` if rerun-sdk is not installed, the
+    file cannot be written, or no viewer can be started.
     """
 
     def __init__(self, file: Path | None = None) -> None:

@@ -190,12 +190,8 @@ def draw_fleet(
 ) -> Picture:
     """Draw maps as dots, with a ring for each group, and alignments as lines; beside them a merged map.
 
-    Parameters
-    ----------
-    groups
-        The groups, the largest first. Single maps are grey.
-    accepted, aligned
-        The accepted pairs, drawn in their group's colour, and all aligned pairs; refused pairs are faint.
+    The largest group comes first; single maps are grey. Accepted pairs have their group's colour, refused pairs are
+    faint.
     """
     graph, grid = _graph(groups, set(accepted), aligned), _map(merged)
     return np.hstack([_framed(graph), _framed(grid)])

@@ -22,13 +22,7 @@ class MeasurementError(TbmSlamError):
 
 
 class FreshProcess(Generic[_R]):
-    """A running call in a new Python process.
-
-    Parameters
-    ----------
-    call
-        A function of a module. The function, its arguments and its result are pickled.
-    """
+    """A running call of a module's function in a new Python process; arguments and result are pickled."""
 
     def __init__(self, call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> None:
         context = multiprocessing.get_context("spawn")
@@ -73,11 +67,9 @@ def in_fresh_process(call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwar
 def in_fresh_processes(
     call: Callable[..., _R], arguments: Iterable[tuple[object, ...]], jobs: int
 ) -> Iterator[tuple[int, _R | MeasurementError]]:
-    """Make one call for each tuple of arguments, each in a process of its own and so many at a time.
+    """Make one call for each tuple of arguments, each in its own process and `jobs` at a time.
 
-    Yields
-    ------
-    The number of each and what it returned, or why it did not, in the order in which they end.
+    Yields the number of each call and its result, or its error, in the order of their ends.
     """
     waiting = enumerate(arguments)
     running: dict[object, tuple[int, FreshProcess[_R]]] = {}

@@ -171,14 +171,9 @@ def truth_beside(recording: Path) -> Path:
 
 
 def drive_errors(truth: Path, estimate: Trajectory, scans: FloatArray) -> DriveErrors:
-    """Compare the trajectory of a drive with the truth.
+    """Compare the trajectory of a drive with the file of `truth_beside`.
 
-    Parameters
-    ----------
-    truth
-        The file that `truth_beside` returns.
-    scans
-        Stamps (S,) of the scans that were given to be mapped [s].
+    `scans` (S,) are the stamps of the scans that were given to be mapped [s].
     """
     if truth.name.endswith(".relations"):
         return _relation_errors(read_relations(truth), estimate, scans)

@@ -46,15 +46,7 @@ class Configuration(SlamConfig):
 
 
 def read_configuration(preset_name: str | None, file: Path | None) -> Configuration:
-    """Return a preset changed by a file.
-
-    Parameters
-    ----------
-    preset_name
-        The preset; None for that of the file, or the default.
-    file
-        A TOML file, or a folder with the config.toml of a program.
-    """
+    """Return a preset, by default that of the file, changed by a file or by the config.toml of a folder."""
     if file is None:
         return Configuration.of_preset("default" if preset_name is None else preset_name)
     path = file / "config.toml" if file.is_dir() else file

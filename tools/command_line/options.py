@@ -91,13 +91,7 @@ def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
 
 
 def options_from(args: argparse.Namespace) -> "RecordingOptions":
-    """Return the options about recordings from parsed arguments, with the defaults of the library for the others.
-
-    Parameters
-    ----------
-    args
-        Arguments of a parser with `add_recording_options`.
-    """
+    """Return the options of `add_recording_options` from parsed arguments, with the library's defaults for others."""
     # Loaded here because --help must be quick.
     from datasets.options import RecordingOptions
 

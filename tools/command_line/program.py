@@ -99,18 +99,10 @@ def ended(
     interrupted: str = "",
     out_of_memory: str = "reduce the work, or use a larger machine",
 ) -> int:
-    """Do a program's work and return its exit code: what it returns, 1 for a known error, 130 for Ctrl-C.
+    """Do a program's work and return its exit code: the result, 1 for a known error, 130 for Ctrl-C.
 
-    Parameters
-    ----------
-    program
-        The name of the program, which starts the line on stderr.
-    work
-        Function that does the work and returns the exit code.
-    debug
-        Whether to print the traceback of known errors.
-    interrupted, out_of_memory
-        Advice after an interruption.
+    Messages on stderr begin with the name of the program and end with the advice for an interruption or a lack of
+    memory. `debug` prints the traceback of known errors.
     """
     heard, dropping = installed_interruption(), sys.unraisablehook
     interruption = heard or handle_interruption(program)
@@ -169,15 +161,7 @@ def say(line: str) -> None:
 
 
 def typed_command(program: str, arguments: Sequence[str] | None) -> str:
-    """Return the command line for a shell.
-
-    Parameters
-    ----------
-    program
-        Name of the program, used for calls from Python.
-    arguments
-        Arguments of a call from Python; None for a start from a shell.
-    """
+    """Return the command line for a shell: that of a start from a shell if `arguments` is None, else of the call."""
     return shlex.join(sys.orig_argv if arguments is None else [*program.split(), *arguments])
 
 

@@ -91,10 +91,7 @@ T = TypeVar("T")
 class ProgressBars(Progress):
     """Shows a bar with rate and remaining time for each step of many items, if the output is a terminal.
 
-    Parameters
-    ----------
-    viewer
-        Shows the mapping; None for no viewer.
+    A viewer also shows the mapping.
     """
 
     def __init__(self, viewer: "RerunViewer | None" = None) -> None:

@@ -81,16 +81,9 @@ class ResultTable(NamedTuple):
 
 
 def write_tables(path: Path | None, machine: Mapping[str, object], tables: Mapping[str, ResultTable]) -> None:
-    """Write the tables of a benchmark with commit, date and machine for `tools/figures.py`.
+    """Write the tables of a benchmark with commit, date and machine to a file, if given, for `tools/figures.py`.
 
-    Parameters
-    ----------
-    path
-        The file; None writes nothing.
-    machine
-        See `tools.command_line.text_table.describe_machine`.
-    tables
-        Tables by name; those without rows are left out.
+    Tables without rows are left out.
     """
     if path is None:
         return

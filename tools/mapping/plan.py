@@ -33,15 +33,10 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)
 
 
 def robot_names(recordings: Sequence[Path]) -> list[str]:
-    """Name one robot for each recording: `week/monday.bag` is monday.
+    """Return a unique name for each recording in order: `week/monday.bag` is monday.
 
-    Recordings of equal names get the name of their folder in front, as in `north_monday`; what is still equal gets a
-    number. Names are equal if they differ in case only, since some file systems ignore it. Characters that are
-    not safe in a path are replaced.
-
-    Returns
-    -------
-    Different names, in the same order.
+    Recordings of equal names get the name of their folder in front, as in `north_monday`, and if still equal a number.
+    Names that differ in case only are equal, since some file systems ignore it. Unsafe characters are replaced.
     """
     plain = [safe_name(_stem(path)) for path in recordings]
     names = _with_folders(recordings, plain)

@@ -215,17 +215,9 @@ def write_truth(
 ) -> None:
     """Write the pose of each robot's map in the true frame of its recording, unless it is written already.
 
-    The file says what the reference is, and what went wrong as it was made: a map of ours may be torn itself.
-    Without a true trajectory, a robot that saw too little to be placed by that is left out with a warning.
-
-    Parameters
-    ----------
-    made
-        The robots and their maps.
-    references
-        True trajectories by recording; without one the default SLAM maps the whole recording as the reference.
-    shelf
-        Recordings in memory.
+    The file contains the kind of the reference and the warnings of its making, since a map of ours may be torn itself.
+    Without a given true trajectory of its recording, the default SLAM maps the whole recording as the reference. Then a
+    robot that saw too little for an alignment is left out with a warning.
     """
     fingerprint = _fingerprint([task for task, _ in made], references)
     if _written(path) == fingerprint:

@@ -36,16 +36,9 @@ class PaperMapsError(TbmSlamError):
 
 
 def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: int) -> list[Path]:
-    """Simulate several drives of a robot through a building, and return the bags.
+    """Simulate several drives of a robot through a building with options of make_world, and return the bags.
 
-    Parameters
-    ----------
-    folder
-        The folder of the bags, with one folder for each drive.
-    words
-        More options of make_world, the building among them.
-    seed
-        Seed of the building; drives have this seed and the following.
+    Each drive has its own folder. The seed is that of the building; drives have this seed and the following.
     """
     bags = []
     for drive in range(drives):

@@ -123,10 +123,7 @@ def join(
 ) -> None:
     """Make openings between neighbours so that every room is connected, and a few more for loops.
 
-    Parameters
-    ----------
-    openings
-        Smallest and largest width of an opening [m].
+    Their width is between the two numbers in `openings` [m].
     """
     group = list(range(len(rooms)))
     pairs = list(combinations(range(len(rooms)), 2))

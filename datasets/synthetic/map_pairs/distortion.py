@@ -97,15 +97,7 @@ class Distortion:
         return replace(usual, deformation_m=deformation_m, wavelength_m=float(rng.uniform(20.0, 50.0)), moved=1.0)
 
     def distort(self, part: Occupancy, resolution: float, rng: np.random.Generator) -> DistortedMap:
-        """Return a distorted map of a part of a building.
-
-        Parameters
-        ----------
-        part
-            Occupancy (rows, cols) in percent, -1 unknown.
-        resolution
-            Side of a cell [m].
-        """
+        """Return a distorted map of a part of a building (rows, cols) in percent, -1 unknown."""
         marks = np.where(part < 0, 0, np.where(part > 50, _WALL, _FREE)).astype(np.uint8)
         marks = self._refurnished(marks, resolution, rng)
         marks = self._degraded(marks, resolution, rng)

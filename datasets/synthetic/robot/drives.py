@@ -47,14 +47,9 @@ class ClearanceMap:
 
 
 class RoadMap:
-    """A graph of neighbouring points where a robot can drive, and its cheapest paths.
+    """A graph of neighbouring points with at least the `smallest` clearance [m], and its cheapest paths.
 
-    Parameters
-    ----------
-    smallest
-        Least clearance of paths [m].
-    rng
-        Random generator of a robot's preferences for some edges; None for none.
+    The random generator draws a robot's preferences for some edges.
     """
 
     def __init__(self, clearance_map: ClearanceMap, smallest: float, rng: np.random.Generator | None = None) -> None:
@@ -142,16 +137,8 @@ def drive_along(
 
     Between poses the twist is constant. Pure pursuit (Coulter, "Implementation of the pure pursuit path tracking
     algorithm", CMU-RI-TR-92-01) with a forward speed that decreases with the angle to the pursued point, so that the
-    robot turns on the spot where the path reverses.
-
-    Parameters
-    ----------
-    speed
-        Largest speed [m/s]; it varies down to 60 % of that.
-    start_stamp
-        Time of the first pose [s].
-    length, duration
-        The drive ends after this length [m] or duration [s], or at the end of the path.
+    robot turns on the spot where the path reverses. The largest speed varies between 60 and 100 % of `speed` [m/s]. The
+    drive ends after a length [m] or a duration [s], or at the end of the path.
     """
     target = _pursued_index(path, 0, path[0, 0], path[0, 1])
     dx, dy = path[target] - path[0]
@@ -260,13 +247,7 @@ def plan_drives(
 
 
 def short_tour(costs: FloatArray, start: int = 0) -> npt.NDArray[np.int64]:
-    """Return an order (K,) of all places as a short closed tour: nearest neighbours, improved by 2-opt.
-
-    Parameters
-    ----------
-    costs
-        Symmetric cost (K, K) of going from one place to another.
-    """
+    """Return a short closed tour (K,) of places with symmetric costs (K, K): nearest neighbours, then 2-opt."""
     left = set(range(len(costs))) - {start}
     tour = [start]
     while left:

@@ -106,15 +106,10 @@ class SimulatedLaser:
     def scans(
         self, world: World, stamps: FloatArray, robot_poses: FloatArray, rng: np.random.Generator
     ) -> list[LaserScan]:
-        """Return the measured ranges at stamps (S,) [s].
+        """Return the measured ranges at stamps (S,) [s] and poses (S, 3) of the robot, or (S, M, 3) at all `moments`.
 
-        Values are rounded to float32 as a LaserScan message holds them; no return is `inf` (REP 117). An upside-down
-        laser's scans have a negative increment, as `LaserScan` demands.
-
-        Parameters
-        ----------
-        robot_poses
-            Poses (S, 3) of the robot in the world at the stamps, or (S, M, 3) at all `moments`.
+        Values are rounded to float32 as in a LaserScan message; no return is `inf` (REP 117). Scans of an upside-down
+        laser have a negative increment, as `LaserScan` requires.
         """
         turn = -1.0 if self.upside_down else 1.0
         angle_min, increment = (turn * float(np.float32(angle)) for angle in (self.angle_min, self.angle_increment))
@@ -175,18 +170,9 @@ class RingLidar:
             raise ValueError(f"height must be between 0 and the ceiling's {self.ceiling} m, got {self.height}")
 
     def points(self, scan: LaserScan, noise: float, rng: np.random.Generator, *, upside_down: bool) -> LidarPoints:
-        """Return the points of all rings for a scan of a level laser.
+        """Return the points of all rings for a scan of a level laser, seen from above.
 
-        Parameters
-        ----------
-        scan
-            What the laser saw, seen from above.
-        noise
-            Standard deviation of a range, by which the rings differ [m].
-        rng
-            Draws it.
-        upside_down
-            Whether the lidar hangs.
+        The ranges of the rings differ by noise with a standard deviation [m]. `upside_down` is the mount of the lidar.
         """
         angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
         seconds = np.arange(len(scan.ranges)) * scan.time_increment

@@ -126,15 +126,7 @@ def simulate(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> list[SimulatedRobot]:
-    """Simulate the measurements of robots.
-
-    Parameters
-    ----------
-    drives
-        True drives of the robots in the world's frame, as `plan_drives` returns them.
-    seed
-        Random generator of all errors of lasers and wheels.
-    """
+    """Simulate the measurements of robots on true drives in the world's frame, see `plan_drives`."""
     progress = progress or Progress()
     rngs = np.random.default_rng([seed, 23]).spawn(len(drives))
     return [
@@ -191,12 +183,7 @@ def write_truth(
 ) -> None:
     """Write `world.npz`, `<bag stem>.truth.tum` for each robot, and `truth.json` to a folder, each atomically.
 
-    Parameters
-    ----------
-    bags
-        Names of the robots' bags in the folder.
-    run
-        Settings of the recording, such as seed and odometry noise, for JSON.
+    `bags` are the names of the robots' bags in the folder, and `run` the settings of the recording for JSON.
     """
     world.save(folder / "world.npz")
     entries = []

@@ -261,17 +261,9 @@ def add_rooms(
 ) -> None:
     """Fill one side of a corridor with furnished rooms.
 
-    Parameters
-    ----------
-    extent
-        Begin and end of the rooms along the corridor, u [m].
-    depth
-        Distance from the corridor's wall to the rear wall of the rooms [m].
-    corridor
-        Begin and end of the corridor, if rooms extend beyond it. A room without enough common length for a door is
-        left out.
-    visited
-        Share of the rooms that robots visit.
+    `extent` is the begin and end of the rooms along the corridor [m], and `depth` their size across [m]. If rooms
+    extend beyond the `corridor`, those too short for a door to it are left out. Robots visit a share `visited` of the
+    rooms.
     """
     wall = float(rng.uniform(0.1, 0.2))
     for start, end in _split(*extent, wall, rng):

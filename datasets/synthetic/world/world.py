@@ -59,18 +59,10 @@ class World:
         return _covering(self.bounds(), GridGeometry(resolution, 0.0, 0.0, 0, 0), margin)
 
     def occupancy(self, geometry: GridGeometry, T_world_grid: SE2 | None = None) -> Labels:
-        """Return the true label of each cell of a map.
+        """Return the true label (rows, cols) of each cell of a grid at T_world_grid, by default in the world's frame.
 
-        Parameters
-        ----------
-        T_world_grid
-            Pose of the grid's frame in the world; the world's own frame when None.
-
-        Returns
-        -------
-        labels
-            (rows, cols), as in `tbmslam.belief.masses`: OCCUPIED where a surface passes through the cell, FREE
-            in the rest of the inside, UNKNOWN elsewhere.
+        Labels are as in `tbmslam.belief.masses`: OCCUPIED if a surface passes through the cell, FREE in the rest of the
+        inside, UNKNOWN elsewhere.
         """
         T_grid_world = SE2.identity() if T_world_grid is None else T_world_grid.inverse()
         walls = T_grid_world.apply(self.walls.reshape(-1, 2, 2)).reshape(-1, 4)
@@ -101,13 +93,7 @@ class World:
 
 
 def load_world(path: Path) -> World:
-    """Read a world that `World.save` wrote.
-
-    Parameters
-    ----------
-    path
-        The .npz file, or a folder with `world.npz`.
-    """
+    """Read a world that `World.save` wrote, from a .npz file or a folder with `world.npz`."""
     file = path / "world.npz" if path.is_dir() else path
     try:
         if why := why_unreadable(file):
