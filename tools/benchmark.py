@@ -16,10 +16,13 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 import argparse
 import re
 import sys
+from collections.abc import Callable
 from importlib import import_module
+from typing import Any
 
 from tools import benchmarks
 from tools.build_maps import MOST_ROBOTS
+from tools.command_line.options import comma_separated, number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, ended, examples
 from tools.merge import METHODS
@@ -45,29 +48,34 @@ EXAMPLES = """examples:
 """
 
 
+_COUNT, _SEED = number_within(int, 1), number_within(int, 0)
+
+
 def parser(program: str = "benchmark") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
-    epilog = examples(EXAMPLES, program)
     commands = grammar.add_subparsers(
         dest="command", required=True, metavar="slam|scaling|align|merge|fleet|split|perturb|strangers|limits"
     )
-    for name, about, add in (
-        ("slam", "speed, memory and errors on recordings and simulated worlds", _add_slam),
-        ("scaling", "cost of a scan against the length of the drive and the size of map", _add_scaling),
-        ("align", "how often pairs of maps are aligned correctly", _add_align),
-        ("merge", "cost of a merge against the area of the maps, and of many robots", _add_merge),
-        ("fleet", "cost and errors of merging many maps of many buildings", _add_fleet),
-        ("split", "recordings cut into robots, mapped and merged again", _add_split),
-        ("perturb", "how much errors grow when recordings are a little different", _add_perturb),
-        ("strangers", "how often maps that do not belong together are merged", _add_strangers),
-        ("limits", "whether a day of recording and 1 km2 of building fit into memory", _add_limits),
+    for name, about, add, function in (
+        ("slam", "speed, memory and errors on recordings and simulated worlds", _add_slam, "slam.benchmark_slam"),
+        ("scaling", "cost of a scan by length of drive and area of map", _add_scaling, "scaling.benchmark_scaling"),
+        ("align", "how often pairs of maps are aligned correctly", _add_align, "align.benchmark_pairs"),
+        ("merge", "cost of a merge by area of the maps, and of many robots", _add_merge, "merge.benchmark_merge"),
+        ("fleet", "cost and errors of merging many maps of many buildings", _add_fleet, "fleet.benchmark_fleet"),
+        ("split", "recordings cut into robots, mapped and merged again", _add_split, "split.benchmark_split"),
+        ("perturb", "errors of slightly changed recordings", _add_perturb, "perturb.benchmark_perturbations"),
+        ("strangers", "how often maps of different places are merged", _add_strangers, "strangers.benchmark_strangers"),
+        ("limits", "memory for a day of recording and for 1 km2 of building", _add_limits, "scaling.benchmark_limits"),
     ):
-        command = commands.add_parser(name, help=about, epilog=epilog)
+        command = commands.add_parser(name, help=about, epilog=examples(EXAMPLES, program))
+        command.set_defaults(function=function)
         add(command)
-        more_of_json = "; strangers met there already are not tried again" if name == "strangers" else ""
         command.add_argument(
-            "--json", type=path_argument, metavar="FILE", help=f"write all figures here too{more_of_json}"
+            "--json",
+            type=path_argument,
+            metavar="FILE",
+            help="write all figures here; strangers in it are not tried again",
         )
         command.add_argument(
             "--table", type=path_argument, metavar="FILE", help="write the tables here for docs/figures, see figures.py"
@@ -77,247 +85,169 @@ def parser(program: str = "benchmark") -> argparse.ArgumentParser:
 
 
 def _add_slam(slam: argparse.ArgumentParser) -> None:
-    slam.add_argument("recordings", nargs="*", metavar="RECORDING[,option=value]...", help="bags or logs")
     slam.add_argument(
-        "--world",
-        action="append",
-        default=[],
-        metavar="KIND:SEED:ODOMETRY[,option=value]...",
+        "recordings", nargs="*", type=_recording, metavar="RECORDING[,option=value]...", help="bags or logs"
+    )
+    slam.add_argument(
+        "--world", type=_world, action="append", default=[], metavar="KIND:SEED:ODOMETRY[,option=value]...",
         help="a simulated drive, e.g. office:1:good,beams=361; may be repeated. ODOMETRY: good, poor, none (without "
         "error) or ignored (the SLAM has none)",
-    )
-    slam.add_argument("--seeds", type=int, default=1, metavar="N", help="each world with SEED and the N - 1 next ones")
-    slam.add_argument("--repeat", type=int, default=1, metavar="N", help="runs of each; the median is shown (1)")
+    )  # fmt: skip
+    slam.add_argument("--seeds", type=_COUNT, default=1, metavar="N", help="each world with SEED and the N - 1 next")
+    slam.add_argument("--repeat", type=_COUNT, default=1, metavar="N", help="runs of each; the median is shown (1)")
     _add_preset(slam)
 
 
 def _add_scaling(scaling: argparse.ArgumentParser) -> None:
     scaling.add_argument(
-        "--lengths",
-        default="125,250,500,1000",
-        metavar="M,M,...",
+        "--lengths", type=comma_separated(number_within(float, 1.0, 1e7)), default="125,250,500,1000", metavar="M,...",
         help="metres to drive (125,250,500,1000); 10000 reaches 1 km2 and takes long",
-    )
-    scaling.add_argument("--beams", type=int, default=180, help="beams of a scan (180)")
+    )  # fmt: skip
+    scaling.add_argument("--beams", type=_COUNT, default=180, help="beams of a scan (180)")
     _add_preset(scaling)
 
 
 def _add_preset(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--preset", default="default", metavar="NAME,...", help="presets to run, or all (default)")
+    command.add_argument(
+        "--preset", type=_presets, default="default", metavar="NAME,...", help="presets to run, or all (default)"
+    )
 
 
 def _add_align(align: argparse.ArgumentParser) -> None:
     align.add_argument("pairs", type=path_argument, metavar="PAIRS_DIR", help="a folder of .npz pairs")
     align.add_argument(
-        "--method",
-        default="correlation",
-        metavar="NAME,...",
+        "--method", type=lambda text: _names(text, PAIR_METHODS), default="correlation", metavar="NAME,...",
         help=f"one or more of {', '.join(PAIR_METHODS)}, or all (correlation); howard is given a simulated encounter",
-    )
+    )  # fmt: skip
     align.add_argument("--details", action="store_true", help="print a line for every pair that is not right")
     align.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the calibration here")
 
 
 def _add_merge(merge: argparse.ArgumentParser) -> None:
     merge.add_argument(
-        "--areas", default="4900,8100,12100,25600", metavar="M2,...", help="canvases (4900,8100,12100,25600)"
+        "--areas", type=comma_separated(number_within(float, 1.0, 1e7)), default="4900,8100,12100,25600",
+        metavar="M2,...", help="canvases (4900,8100,12100,25600)",
+    )  # fmt: skip
+    merge.add_argument(
+        "--resolution", type=number_within(float, 1e-3, 100.0), default=0.05, metavar="M", help="cells (0.05)"
     )
-    merge.add_argument("--resolution", type=float, default=0.05, metavar="M", help="cells of the alignment (0.05)")
-    merge.add_argument("--robots", type=int, default=0, metavar="N", help="also merge the maps of N robots (0)")
-    merge.add_argument("--workers", type=int, default=2, metavar="N", help="processes that align the robots' maps (2)")
-    merge.add_argument("--repeat", type=int, default=5, metavar="N", help="runs of each step; the best is shown (5)")
+    merge.add_argument(
+        "--robots", type=number_within(int, 0, MOST_ROBOTS), default=0, metavar="N", help="also merge N robots (0)"
+    )
+    merge.add_argument("--workers", type=_COUNT, default=2, metavar="N", help="processes that align these maps (2)")
+    merge.add_argument("--repeat", type=_COUNT, default=5, metavar="N", help="runs of each step; best is shown (5)")
 
 
 def _add_split(split: argparse.ArgumentParser) -> None:
-    split.add_argument("recordings", nargs="+", metavar="RECORDING[,option=value]...", help="bags or logs")
     split.add_argument(
-        "--robots", default="2,3,5", metavar="N,...", help="numbers of robots that each is cut into (2,3,5)"
+        "recordings", nargs="+", type=_recording_text, metavar="RECORDING[,option=value]...", help="bags or logs"
     )
+    split.add_argument(
+        "--robots", type=comma_separated(number_within(int, 2, MOST_ROBOTS)), default="2,3,5", metavar="N,...",
+        help="numbers of robots that each is cut into (2,3,5)",
+    )  # fmt: skip
 
 
 def _add_perturb(perturb: argparse.ArgumentParser) -> None:
     perturb.add_argument(
-        "recordings",
-        nargs="+",
-        metavar="RECORDING[,option=value]...",
+        "recordings", nargs="+", type=_recording, metavar="RECORDING[,option=value]...",
         help="bags or logs with .relations or .truth.tum beside them",
-    )
+    )  # fmt: skip
     perturb.add_argument(
-        "--without",
-        action="append",
-        default=[],
-        metavar="A.B=C",
+        "--without", action="append", default=[], metavar="A.B=C",
         help="run also with this parameter, such as one that disables a rule; may be repeated",
-    )
-    perturb.add_argument("--jobs", type=int, default=1, metavar="N", help="runs at a time; the result is the same (1)")
+    )  # fmt: skip
+    perturb.add_argument("--jobs", type=_COUNT, default=1, metavar="N", help="runs at a time; the result is equal (1)")
 
 
 def _add_strangers(strangers: argparse.ArgumentParser) -> None:
-    strangers.add_argument("--pairs", type=int, default=400, metavar="N", help="pairs to try, a quarter a kind (400)")
     strangers.add_argument(
-        "--sets", type=int, default=0, metavar="N", help="sets of six maps to try instead of pairs, a quarter a kind"
+        "--pairs", type=_COUNT, default=400, metavar="N", help="pairs to try, a quarter a kind (400)"
     )
-    strangers.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the pairs (0)")
-    strangers.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
+    strangers.add_argument(
+        "--sets", type=_SEED, default=0, metavar="N", help="sets of six maps to try instead of pairs, a quarter a kind"
+    )
+    strangers.add_argument("--seed", type=_SEED, default=0, metavar="N", help="seed of the pairs (0)")
+    strangers.add_argument("--workers", type=_COUNT, default=2, metavar="N", help="processes; the result is equal (2)")
 
 
 def _add_fleet(fleet: argparse.ArgumentParser) -> None:
     fleet.add_argument(
-        "sizes",
-        nargs="*",
-        default=["1x40", "40x1"],
-        metavar="BUILDINGSxMAPS",
+        "sizes", nargs="*", type=_fleet_size, default=[(1, 40), (40, 1)], metavar="BUILDINGSxMAPS",
         help="number of buildings, and of maps of each (1x40 40x1)",
-    )
-    fleet.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the buildings (0)")
-    fleet.add_argument("--workers", type=int, default=1, metavar="N", help="processes; the result is the same (1)")
+    )  # fmt: skip
+    fleet.add_argument("--seed", type=_SEED, default=0, metavar="N", help="seed of the buildings (0)")
+    fleet.add_argument("--workers", type=_COUNT, default=1, metavar="N", help="processes; the result is equal (1)")
     fleet.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose workers align the pairs")
-    fleet.add_argument(
-        "--plot", type=path_argument, metavar="FILE", help="write a picture of the first fleet's graph and map here"
-    )
+    fleet.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the first fleet here")
 
 
 def _add_limits(limits: argparse.ArgumentParser) -> None:
     limits.add_argument(
-        "--share", type=float, default=1.0, metavar="F", help="share of the full size: 0.1 is a quick test (1)"
+        "--share", type=number_within(float, 1e-4, 1.0), default=1.0, metavar="F", help="share of the full size (1)"
     )
+
+
+def _parsed(parse: Callable[[str], Any], text: str) -> Any:
+    """Return a parsed word; a ValueError becomes the message of the command line."""
+    try:
+        return parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _recording(text: str) -> object:
+    from tools.benchmarks.recordings import parse_recording_spec
+
+    return _parsed(parse_recording_spec, text)
+
+
+def _recording_text(text: str) -> str:
+    _recording(text)
+    return text
+
+
+def _world(text: str) -> object:
+    from tools.benchmarks.recordings import SimulatedRecording
+
+    return _parsed(SimulatedRecording.parse, text)
+
+
+def _presets(text: str) -> list[str]:
+    from tbmslam.configuration.slam_config import PRESETS
+
+    return _names(text, tuple(PRESETS))
+
+
+def _names(text: str, known: tuple[str, ...]) -> list[str]:
+    """Return names with commas between; `all` stands for all known names."""
+    names = [*known] if text == "all" else text.split(",")
+    for name in names:
+        if name not in known:
+            raise argparse.ArgumentTypeError(f"there is no {name!r}; there are {', '.join(known)}, all")
+    return names
+
+
+def _fleet_size(text: str) -> tuple[int, int]:
+    size = re.fullmatch(r"(\d{1,4})x(\d{1,4})", text)
+    if size is None or not 2 <= int(size[1]) * int(size[2]) <= MOST_ROBOTS:
+        raise argparse.ArgumentTypeError(f"must be BUILDINGSxMAPS, as 30x10, of 2 to {MOST_ROBOTS} maps, got {text!r}")
+    return int(size[1]), int(size[2])
 
 
 def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
     """Run the program, under the name that it was called by; return its exit code."""
     grammar = parser(program)
     args = grammar.parse_args(argv)
-    try:
-        _check(args)
-    except ValueError as error:
-        grammar.error(str(error))
+    if args.command == "slam" and not args.recordings and not args.world:
+        grammar.error("slam needs recordings or --world")
+    if args.command == "strangers" and args.sets and args.json:
+        grammar.error("--json keeps pairs, not --sets")
     return ended(program, lambda: _run(args), debug=args.debug)
 
 
-def _check(args: argparse.Namespace) -> None:
-    """Parse and check the options."""
-    if args.command == "align":
-        args.method = _pair_methods(args.method)
-    elif args.command == "merge":
-        args.areas = _numbers("--areas", args.areas)
-        if min(args.repeat, args.workers) < 1 or not 0 <= args.robots <= MOST_ROBOTS:
-            raise ValueError(f"--repeat and --workers must be positive, --robots within 0 and {MOST_ROBOTS}")
-        if not all(1.0 <= area <= 1e7 for area in args.areas) or not 1e-3 <= args.resolution <= 100.0:
-            raise ValueError("--areas must lie within 1 and 1e7 m2, --resolution within 0.001 and 100 m")
-    elif args.command == "fleet":
-        _check_fleet(args)
-    elif args.command == "split":
-        _check_split(args)
-    elif args.command == "perturb":
-        _check_perturb(args)
-    elif args.command == "limits":
-        if not 1e-4 <= args.share <= 1.0:
-            raise ValueError(f"--share must lie within 0.0001 and 1, got {args.share}")
-    elif args.command == "strangers":
-        _check_strangers(args)
-    else:
-        _check_drives(args)
-
-
-def _numbers(option: str, text: str) -> list[float]:
-    try:
-        return [float(word) for word in text.split(",")]
-    except ValueError:
-        raise ValueError(f"{option} must be numbers with commas between, got {text!r}") from None
-
-
-def _check_strangers(args: argparse.Namespace) -> None:
-    """Check the options of `strangers`; see `_check`."""
-    if min(args.pairs, args.workers) < 1 or min(args.seed, args.sets) < 0:
-        raise ValueError("--pairs and --workers must be positive, --seed and --sets not negative")
-    if args.sets and args.json:
-        raise ValueError("--json keeps pairs, not --sets")
-
-
-def _check_fleet(args: argparse.Namespace) -> None:
-    """Parse and check the options of `fleet`; see `_check`."""
-    if args.workers < 1 or args.seed < 0:
-        raise ValueError("--workers must be positive, --seed not negative")
-    args.sizes = [_fleet_size(text) for text in args.sizes]
-
-
-def _fleet_size(text: str) -> tuple[int, int]:
-    size = re.fullmatch(r"(\d{1,4})x(\d{1,4})", text)
-    if size is None or not 2 <= int(size[1]) * int(size[2]) <= MOST_ROBOTS:
-        raise ValueError(f"a fleet is BUILDINGSxMAPS, as 30x10, of 2 to {MOST_ROBOTS} maps, got {text!r}")
-    return int(size[1]), int(size[2])
-
-
-def _check_split(args: argparse.Namespace) -> None:
-    """Parse and check the options of `split`; see `_check`."""
-    from tools.benchmarks.recordings import parse_recording_spec
-
-    counts = args.robots.split(",")
-    if not all(count.isdecimal() and len(count) < 9 and 2 <= int(count) <= MOST_ROBOTS for count in counts):
-        raise ValueError(f"--robots must be numbers within 2 and {MOST_ROBOTS}, as 2,3,5, got {args.robots}")
-    args.robots = [int(count) for count in counts]
-    for text in args.recordings:
-        parse_recording_spec(text)
-
-
-def _check_perturb(args: argparse.Namespace) -> None:
-    """Parse and check the options of `perturb`; see `_check`."""
-    from tools.benchmarks.recordings import parse_recording_spec
-
-    if args.jobs < 1:
-        raise ValueError(f"--jobs must be at least 1, got {args.jobs}")
-    args.recordings = [parse_recording_spec(text) for text in args.recordings]
-
-
-def _check_drives(args: argparse.Namespace) -> None:
-    """Parse and check the options of `slam` and `scaling`; see `_check`."""
-    from tbmslam.configuration.slam_config import PRESETS
-    from tools.benchmarks.recordings import SimulatedRecording, parse_recording_spec
-
-    args.preset = list(PRESETS) if args.preset == "all" else args.preset.split(",")
-    for name in args.preset:
-        if name not in PRESETS:
-            raise ValueError(f"--preset: there is no {name!r}; there are {', '.join(PRESETS)}")
-    if args.command == "scaling":
-        args.lengths = _numbers("--lengths", args.lengths)
-        if not all(1.0 <= length <= 1e7 for length in args.lengths) or args.beams < 1:
-            raise ValueError("--lengths must lie within 1 and 1e7 m, --beams be positive")
-        return
-    args.recordings = [parse_recording_spec(text) for text in args.recordings]
-    if not args.recordings and not args.world:
-        raise ValueError("slam needs recordings or --world")
-    args.world = [SimulatedRecording.parse(text) for text in args.world]
-    for name in ("repeat", "seeds"):
-        if getattr(args, name) < 1:
-            raise ValueError(f"--{name} must be at least 1, got {getattr(args, name)}")
-
-
-def _pair_methods(text: str) -> list[str]:
-    names = list(PAIR_METHODS) if text == "all" else text.split(",")
-    for name in names:
-        if name not in PAIR_METHODS:
-            raise ValueError(f"--method: there is no {name!r}; there are {', '.join(PAIR_METHODS)}, all")
-    return names
-
-
-_FUNCTIONS = {
-    "slam": ("slam", "benchmark_slam"),
-    "scaling": ("scaling", "benchmark_scaling"),
-    "align": ("align", "benchmark_pairs"),
-    "merge": ("merge", "benchmark_merge"),
-    "fleet": ("fleet", "benchmark_fleet"),
-    "split": ("split", "benchmark_split"),
-    "perturb": ("perturb", "benchmark_perturbations"),
-    "strangers": ("strangers", "benchmark_strangers"),
-    "limits": ("scaling", "benchmark_limits"),
-}
-"""Module of `tools.benchmarks` and function of each command."""
-
-
 def _run(args: argparse.Namespace) -> None:
-    module, function = _FUNCTIONS[args.command]
-    if args.command == "strangers" and args.sets:
-        function = "benchmark_sets"
+    module, function = args.function.split(".")
     getattr(import_module(f"{benchmarks.__name__}.{module}"), function)(args)
 
 

@@ -196,11 +196,6 @@ time that passed, reading included. mean error: of the true relations. Warm-up: 
 numba's cache; then each process maps the first {WARM_UP_SCANS} scans, and a short simulated drive, before its clocks
 start, which loads the compiled code."""
 
-TARGETS = {"viny": 1150.0, "viny-hc": 775.0}
-"""Target of scans per CPU second at TARGET_BEAMS beams: five times the speed of the original program."""
-
-TARGET_BEAMS = 1040
-
 
 @dataclass(frozen=True)
 class Entry:
@@ -235,8 +230,6 @@ def benchmark_slam(args: argparse.Namespace) -> None:
     rows = [_row(result) for result in results]
     print(text_table(HEAD, rows))
     print(NOTES + (f" Medians of {args.repeat} runs." if args.repeat > 1 else ""))
-    for line in against_targets(results):
-        print(line)
     if (seeds := seeds_table(results)).rows:
         print(text_table(*seeds))
     tables = {"drives": ResultTable(HEAD, rows), "seeds": seeds, **by_preset(results)}
@@ -250,17 +243,6 @@ def median_run(runs: Sequence[SlamRun]) -> SlamRun:
         values = [getattr(run, field.name) for run in runs]
         figures[field.name] = None if None in values else statistics.median(values)
     return SlamRun(**figures)
-
-
-def against_targets(results: Sequence[Result]) -> list[str]:
-    """Return a line for every result with a target."""
-    return [
-        f"{result.recording} {result.preset}: {_rate(result.median.scans, result.median.mapping_s)} scans per CPU "
-        f"second, to be at least {TARGETS[result.preset]:.0f} at {TARGET_BEAMS} beams: "
-        + ("met" if result.median.scans / result.median.mapping_s >= TARGETS[result.preset] else "MISSED")
-        for result in results
-        if result.preset in TARGETS and result.median.beams == TARGET_BEAMS
-    ]
 
 
 def seeds_table(results: Sequence[Result]) -> ResultTable:
@@ -295,7 +277,7 @@ def by_preset(results: Sequence[Result]) -> dict[str, ResultTable]:
 def _entries(args: argparse.Namespace) -> Iterator[Entry]:
     """Yield the recordings; a simulated one exists until the next is requested."""
     for spec in args.recordings:
-        yield Entry(_short_name(spec.path), spec)
+        yield Entry(spec.path.name.removesuffix(".bag"), spec)
     for world in (world for first in args.world for world in first.seeds(args.seeds)):
         _say(f"simulating {world}")
         with tempfile.TemporaryDirectory(prefix="benchmark-") as folder:
@@ -336,10 +318,6 @@ def _error(run: SlamRun) -> str:
 
 def _rate(scans: float, seconds: float) -> str:
     return number(scans / seconds, 0) if seconds > 0.0 else "-"
-
-
-def _short_name(path: Path) -> str:
-    return path.name.removesuffix(".bag")
 
 
 def _say(text: str) -> None:

@@ -85,7 +85,10 @@ class Encounter:
 
 
 def benchmark_strangers(args: argparse.Namespace) -> None:
-    """Align pairs and print the rates; pairs in the file of `--json` are not tried again."""
+    """Align pairs and print the rates, or merge sets; pairs in the file of `--json` are not tried again."""
+    if args.sets:
+        _benchmark_sets(args)
+        return
     what = {"seed": args.seed, "judge": _judge()}
     done = _tried_before(args.json, what)
     kinds = list(KINDS)
@@ -242,7 +245,7 @@ class StrangerSet:
     """Numbers of pairs that were joined correctly, and of pairs that show one place."""
 
 
-def benchmark_sets(args: argparse.Namespace) -> None:
+def _benchmark_sets(args: argparse.Namespace) -> None:
     """Merge sets and print the rate of false joins."""
     machine = describe_machine()
     tasks = [(index, args.seed) for index in range(args.sets)]

@@ -2,12 +2,38 @@
 
 import argparse
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tools.command_line.paths import path_argument
 
 if TYPE_CHECKING:
     from datasets.options import RecordingOptions
+
+_T = TypeVar("_T")
+_N = TypeVar("_N", int, float)
+
+
+def number_within(kind: Callable[[str], _N], least: float, most: float = math.inf) -> Callable[[str], _N]:
+    """Return a `type` of arguments that are whole numbers (`int`) or numbers (`float`) within limits."""
+
+    def parse(text: str) -> _N:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = None
+        if value is None or not least <= value <= most:
+            limits = f"of at least {least:g}" if most == math.inf else f"within {least:g} and {most:g}"
+            name = "whole number" if kind is int else "number"
+            raise argparse.ArgumentTypeError(f"must be a {name} {limits}, got {text[:40]!r}")
+        return value
+
+    return parse
+
+
+def comma_separated(parse: Callable[[str], _T]) -> Callable[[str], list[_T]]:
+    """Return a `type` of arguments that are values with commas between, as in 2,3,5."""
+    return lambda text: [parse(word) for word in text.split(",")]
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:

@@ -107,11 +107,6 @@ def _odometry_jump(scene: _Scene) -> SimulatedRobot:
     return _odometry_moved(scene.robot, scene.begin, before @ _JUMP @ before.inverse())
 
 
-def _odometry_reset(scene: _Scene) -> SimulatedRobot:
-    """Restart odometry at zero."""
-    return _odometry_moved(scene.robot, scene.begin, _odometry_at(scene.robot, scene.begin).inverse())
-
-
 def _odometry_freeze(scene: _Scene) -> SimulatedRobot:
     """Stop the odometry while the robot drives; then it jumps to the right pose."""
     poses = scene.robot.odometry.poses.copy()
@@ -188,21 +183,6 @@ def _beams_blocked(scene: _Scene) -> SimulatedRobot:
     return _rescanned(scene.robot, scene.scans(), ranges)
 
 
-def _parts_in_view(scene: _Scene) -> SimulatedRobot:
-    """Add two posts to the robot in front of its laser."""
-    return _rescanned(scene.robot, scene.scans(), behind_posts(scene.robot, scene.rng))
-
-
-def _range_scale(scene: _Scene) -> SimulatedRobot:
-    """Make all ranges too long by a factor."""
-    return _rescanned(scene.robot, scene.scans(), (_TOO_LONG * ranges_of(scene.robot)).astype(np.float32))
-
-
-def _range_offset(scene: _Scene) -> SimulatedRobot:
-    """Make all ranges too long by the same length."""
-    return _rescanned(scene.robot, scene.scans(), (ranges_of(scene.robot) + _TOO_FAR).astype(np.float32))
-
-
 def _angle_step(scene: _Scene) -> SimulatedRobot:
     """State too large an angle between beams."""
     readings = [
@@ -237,21 +217,6 @@ def _scans_repeated(scene: _Scene) -> SimulatedRobot:
     """Let the laser repeat one scan."""
     ranges, those = ranges_of(scene.robot), scene.scans()
     return _rescanned(scene.robot, those, np.repeat(ranges[those.argmax()][None], len(ranges), axis=0))
-
-
-def _glass(scene: _Scene) -> SimulatedRobot:
-    """Make some walls of glass, through which most beams pass."""
-    return _rescanned(scene.robot, scene.scans(), behind_glass(scene.robot, scene.world, scene.rng))
-
-
-def _people(scene: _Scene) -> SimulatedRobot:
-    """Let people walk around the robot."""
-    return _rescanned(scene.robot, scene.scans(), with_people(scene.robot, scene.begin, scene.rng))
-
-
-def _crowd(scene: _Scene) -> SimulatedRobot:
-    """Let people walk beside the robot."""
-    return _rescanned(scene.robot, scene.scans(), within_a_crowd(scene.robot, scene.rng))
 
 
 def _furniture(scene: _Scene) -> SimulatedRobot:
@@ -289,7 +254,9 @@ def _lift(scene: _Scene) -> SimulatedRobot:
 FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "odometry_gap": _odometry_gap,
     "odometry_jump": _odometry_jump,
-    "odometry_reset": _odometry_reset,
+    "odometry_reset": lambda scene: _odometry_moved(
+        scene.robot, scene.begin, _odometry_at(scene.robot, scene.begin).inverse()
+    ),  # restarts at zero
     "odometry_freeze": _odometry_freeze,
     "odometry_stuck": _odometry_stuck,
     "odometry_reversed": _odometry_reversed,
@@ -300,16 +267,16 @@ FAULTS: Mapping[str, Callable[[_Scene], SimulatedRobot]] = {
     "stamps_twice": _stamps_twice,
     "laser_gap": _laser_gap,
     "beams_blocked": _beams_blocked,
-    "parts_in_view": _parts_in_view,
-    "range_scale": _range_scale,
-    "range_offset": _range_offset,
+    "parts_in_view": lambda scene: _measuring(scene, behind_posts(scene.robot, scene.rng)),
+    "range_scale": lambda scene: _measuring(scene, (_TOO_LONG * ranges_of(scene.robot)).astype(np.float32)),
+    "range_offset": lambda scene: _measuring(scene, (ranges_of(scene.robot) + _TOO_FAR).astype(np.float32)),
     "angle_step": _angle_step,
     "mount": _mount,
     "laser_knocked": _laser_knocked,
     "scans_repeated": _scans_repeated,
-    "glass": _glass,
-    "people": _people,
-    "crowd": _crowd,
+    "glass": lambda scene: _measuring(scene, behind_glass(scene.robot, scene.world, scene.rng)),
+    "people": lambda scene: _measuring(scene, with_people(scene.robot, scene.begin, scene.rng)),
+    "crowd": lambda scene: _measuring(scene, within_a_crowd(scene.robot, scene.rng)),
     "furniture": _furniture,
     "carried": _carried,
     "lift": _lift,
@@ -347,3 +314,8 @@ def _rescanned(robot: SimulatedRobot, changed: npt.NDArray[np.bool_], ranges: Fl
     for index in np.flatnonzero(changed).tolist():
         readings[index] = replace(readings[index], scan=replace(readings[index].scan, ranges=ranges[index]))
     return replace(robot, readings=tuple(readings))
+
+
+def _measuring(scene: _Scene, ranges: FloatArray) -> SimulatedRobot:
+    """Return the robot with other ranges (S, B) in the scans of the time of the fault."""
+    return _rescanned(scene.robot, scene.scans(), ranges)

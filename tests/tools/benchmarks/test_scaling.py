@@ -36,4 +36,4 @@ def test_a_share_that_means_nothing_is_wrong_usage(share, capsys):
     with pytest.raises(SystemExit) as left:
         main(["limits", "--share", share])
     assert left.value.code == 2
-    assert "--share must lie within 0.0001 and 1" in capsys.readouterr().err
+    assert "--share: must be a number within 0.0001 and 1" in capsys.readouterr().err

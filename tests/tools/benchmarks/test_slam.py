@@ -9,7 +9,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tools.benchmark import main
 from tools.benchmarks import slam as module
-from tools.benchmarks.slam import Result, SlamRun, against_targets, by_preset, median_run, seeds_table
+from tools.benchmarks.slam import Result, SlamRun, by_preset, median_run, seeds_table
 
 
 def figures(mapping_s=1.0, beams=1040, ate_m=None):
@@ -67,22 +67,6 @@ def test_the_median_of_each_figure_counts():
     assert median.mapping_s == pytest.approx(2.0)
     assert median.ate_m == pytest.approx(0.5)
     assert median.translation_error_m is None
-
-
-def test_targets_count_at_their_number_of_beams_only():
-    runs = (figures(0.5),)
-    lines = against_targets(
-        [
-            Result("office", "viny", figures(0.5), runs),
-            Result("office", "viny-hc", figures(2.0), runs),
-            Result("intel", "viny", figures(0.5, beams=180), runs),
-            Result("office", "default", figures(0.5), runs),
-        ]
-    )
-    assert lines == [
-        "office viny: 2000 scans per CPU second, to be at least 1150 at 1040 beams: met",
-        "office viny-hc: 500 scans per CPU second, to be at least 775 at 1040 beams: MISSED",
-    ]
 
 
 def test_the_worst_of_several_seeds_is_named():

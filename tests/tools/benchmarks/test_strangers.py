@@ -106,7 +106,10 @@ def test_wrong_joins_are_listed_with_the_reason(monkeypatch, capsys):
 
 @pytest.mark.parametrize(
     ("options", "why"),
-    [(("--sets", "-1"), "--seed and --sets not negative"), (("--sets", "2", "--json", "x.json"), "--json keeps pairs")],
+    [
+        (("--sets", "-1"), "--sets: must be a whole number of at least 0"),
+        (("--sets", "2", "--json", "x.json"), "--json keeps pairs"),
+    ],
 )
 def test_what_cannot_be_meant_is_wrong_usage(capsys, options, why):
     with pytest.raises(SystemExit) as stopped:
