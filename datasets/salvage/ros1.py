@@ -135,14 +135,9 @@ def decompressed(data: bytes, compression: bytes) -> bytes:
     return b"".join(parts)
 
 
-def _lz4() -> Callable[[bytes], bytes]:
-    decompress: Callable[[bytes], bytes] = lz4.frame.LZ4FrameDecompressor().decompress
-    return decompress
-
-
 _DECOMPRESSORS: dict[bytes, Callable[[], Callable[[bytes], bytes]]] = {
     b"bz2": lambda: bz2.BZ2Decompressor().decompress,
-    b"lz4": _lz4,
+    b"lz4": lambda: lz4.frame.LZ4FrameDecompressor().decompress,
 }
 
 

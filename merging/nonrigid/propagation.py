@@ -15,7 +15,7 @@ from merging.map_graph.grouping import Group
 from merging.nonrigid.deformation import Deformation
 from merging.nonrigid.search import NonrigidRegistration
 from tbmslam.geometry.se2 import SE2
-from tbmslam.map.drive import Drive, with_keyframes_at
+from tbmslam.map.drive import with_keyframes_at
 from tbmslam.map.tbm_map import TbmMap
 
 
@@ -92,9 +92,8 @@ def _by_set(
 def _deformed(source: TbmMap, deformation: Deformation) -> TbmMap:
     """Deform the cells and the drives of a map; a merged map may hold cells that its keyframes did not see."""
     grid = deformation.deformed(source.grid, SE2.identity())
-    return TbmMap(grid, tuple(_deformed_drive(drive, deformation) for drive in source.drives), source.provenance)
-
-
-def _deformed_drive(drive: Drive, deformation: Deformation) -> Drive:
-    poses = [deformation.motion_at(pose[:2]) @ SE2.from_array(pose) for pose in drive.keyframes.poses]
-    return with_keyframes_at(drive, np.array(poses).reshape(-1, 3))
+    drives = []
+    for drive in source.drives:
+        poses = [deformation.motion_at(pose[:2]) @ SE2.from_array(pose) for pose in drive.keyframes.poses]
+        drives.append(with_keyframes_at(drive, np.array(poses).reshape(-1, 3)))
+    return TbmMap(grid, tuple(drives), source.provenance)

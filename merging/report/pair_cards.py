@@ -128,7 +128,9 @@ _EVIDENCE_GRIDS = "The picture shows the deformed or short-range maps that were 
 
 def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> tuple[list[Card], list[Table]]:
     """Return the cards of the most important pairs, and a table of the others if there are more."""
-    important = set(sorted(merge.alignments, key=lambda pair: _rank(merge.alignments[pair]), reverse=True)[:MOST_CARDS])
+    found = merge.alignments
+    ranks = {pair: (one.accepted, one.ambiguous, one.agreed_wall_m) for pair, one in found.items()}
+    important = set(sorted(found, key=ranks.__getitem__, reverse=True)[:MOST_CARDS])
     # The pictures show walls, whichever method found the alignment.
     walls = config.model_copy(update={"method": "correlation"})
     views = PreparedMaps({name: tbm_map.grid for name, tbm_map in maps.items()}, walls)
@@ -137,7 +139,7 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
             title=f"{pair[1]} in {pair[0]}",
             verdict=_verdict(pair, merge),
             good=merge.alignments[pair].accepted and pair not in merge.outvoted,
-            reason=_sentence(merge.alignments[pair].reason),
+            reason=f"{merge.alignments[pair].reason[:1].upper()}{merge.alignments[pair].reason[1:]}.",
             figures=_figures(merge.alignments[pair]),
             copied=_pose_words(merge.alignments[pair]),
             pictures=_pictures(pair, merge, views, walls),
@@ -149,10 +151,6 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
     return cards, [_table(others, merge)] if others else []
 
 
-def _rank(found: Alignment) -> tuple[bool, bool, float]:
-    return found.accepted, found.ambiguous, found.agreed_wall_m
-
-
 def _verdict(pair: Pair, merge: Merge) -> str:
     found = merge.alignments[pair]
     if pair in merge.outvoted:
@@ -162,10 +160,6 @@ def _verdict(pair: Pair, merge: Merge) -> str:
     if pair in merge.used:
         return "confirmed by others"
     return "ambiguous" if found.ambiguous else "refused"
-
-
-def _sentence(reason: str) -> str:
-    return f"{reason[:1].upper()}{reason[1:]}."
 
 
 def _figures(found: Alignment) -> dict[str, str]:

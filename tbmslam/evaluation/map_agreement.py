@@ -116,7 +116,7 @@ def refine_map_transform(
     2003), with a robust loss that narrows, so that walls missing in one map have no influence. Raises a
     `MapRefinementError` if a map has no occupied cell.
     """
-    points = _occupied_centres(labels, geometry)
+    points = geometry.centres_of(*np.nonzero(labels == OCCUPIED))
     if not len(points) or not (truth == OCCUPIED).any():
         raise MapRefinementError(
             "one of the maps has no occupied cell, so the transform cannot be refined: give the exact transform"
@@ -140,10 +140,6 @@ def refine_map_transform(
     refined = SE2.from_array(parameters)
     shift_x, shift_y = refined.apply(-centre)
     return SE2(float(shift_x), float(shift_y), refined.theta)
-
-
-def _occupied_centres(labels: Labels, geometry: GridGeometry) -> FloatArray:
-    return geometry.centres_of(*np.nonzero(labels == OCCUPIED))
 
 
 def _wall_distances(truth: Labels, resolution: float, margin: int) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.relations import matching_poses
 from tbmslam.geometry.se2 import SE2, FloatArray, path_lengths, wrap_angles
-from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.geometry.trajectory import Trajectory, elapsed_times
 
 
 def fit_rigid(target: npt.ArrayLike, source: npt.ArrayLike) -> tuple[SE2, float]:
@@ -122,7 +122,7 @@ def relative_errors(
         raise ValueError(f"step must be positive, got {step}")
     i, j = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
     true, estimated = truth.poses[i], estimate.poses[j]
-    progress = path_lengths(true) if unit == "m" else _passed(estimate.stamps[j])
+    progress = path_lengths(true) if unit == "m" else elapsed_times(estimate.stamps[j])
     ends = _step_ends(progress, step)
     if len(ends) < 2:
         raise TrajectoryAlignmentError(
@@ -135,11 +135,6 @@ def relative_errors(
     translations = np.hypot(x - true_x, y - true_y)
     rotations = np.degrees(np.abs(wrap_angles(theta - true_theta)))
     return RelativeErrors(estimated[ends[1:], :2], translations, rotations)
-
-
-def _passed(stamps: FloatArray) -> FloatArray:
-    """Return the time since the first stamp; steps back count as no time."""
-    return np.cumsum(np.maximum(np.diff(stamps, prepend=stamps[:1]), 0.0))
 
 
 def _step_ends(progress: FloatArray, step: float) -> npt.NDArray[np.intp]:

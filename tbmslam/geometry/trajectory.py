@@ -67,6 +67,11 @@ _SHORTEST_S, _FASTEST, _FASTEST_TURN = 1e-3, 5.0, 2.0
 """Least time between poses [s], and largest speed [m/s] and turn rate [rad/s] of a robot indoors."""
 
 
+def elapsed_times(stamps: FloatArray) -> FloatArray:
+    """Return the times (N,) since the first stamp; steps back count as no time [s]."""
+    return np.cumsum(np.maximum(np.diff(stamps, prepend=stamps[:1]), 0.0))
+
+
 def drive_speeds(stamps: FloatArray, poses: FloatArray) -> FloatArray:
     """Return the forward speeds (K,) of a robot [m/s] at poses (K, 3), K > 1; see `turn_rates` for stamps."""
     steps = np.gradient(poses[:, :2], axis=0)

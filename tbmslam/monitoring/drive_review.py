@@ -8,7 +8,7 @@ import numpy as np
 
 from tbmslam.calibration.mount_check import MountChange, MountCheckConfig, mount_changes, mount_warning
 from tbmslam.geometry.se2 import FloatArray, path_lengths
-from tbmslam.geometry.trajectory import Trajectory
+from tbmslam.geometry.trajectory import Trajectory, elapsed_times
 from tbmslam.kernels import BoolArray, IntArray
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.monitoring.incidents import EndWarning
@@ -45,7 +45,7 @@ def impossible_speed(
     `poses` (N, 3) are those of the robot in the map at times (N,) [s], which may step back, and `odometry` (K, 3) those
     by odometry at the keyframes, nan if unknown.
     """
-    times = _times_since_begin(stamps)
+    times = elapsed_times(stamps)
     # At most one pose per second of the recording: the clock may have stepped over years.
     _, chosen = np.unique(np.floor(times / _STEP_S), return_index=True)
     begins, speeds = _speeds(times[chosen], poses[chosen])
@@ -60,13 +60,6 @@ def impossible_speed(
     if len(inside) > 1 and np.nansum(steps) >= _CONFIRMED_SHARE * speed * _SPAN_S:
         return None
     return ImpossibleSpeed(stamp, speed)
-
-
-def _times_since_begin(stamps: FloatArray) -> FloatArray:
-    """Return the times since the begin (N,), without steps back [s]."""
-    steps = np.maximum(np.diff(stamps, prepend=stamps[:1]), 0.0)
-    times: FloatArray = np.cumsum(steps)
-    return times
 
 
 def _speeds(times: FloatArray, poses: FloatArray) -> tuple[IntArray, FloatArray]:

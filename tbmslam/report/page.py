@@ -107,10 +107,12 @@ class Page:
         environment = jinja2.Environment(
             autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
         )
-        scripts = [_leaflet(), _asset("page.js")]
+        # Leaflet without its reference to a source map, which a browser would request.
+        leaflet = re.sub(r"^//# sourceMappingURL=.*$", "", _asset("leaflet.js"), flags=re.MULTILINE)
+        scripts = [leaflet, _asset("page.js")]
         return environment.from_string(_asset("page.html")).render(
             page=self,
-            styles=[_without_pictures(_asset("leaflet.css")), _asset("page.css")],
+            styles=[re.sub(r"url\([^)]*\)", "none", _asset("leaflet.css")), _asset("page.css")],  # uses no pictures
             scripts=scripts,
             script_hashes=" ".join(f"'sha256-{_digest(script)}'" for script in scripts),
             data=_as_script_data({"sheets": [sheet.as_json() for sheet in self.sheets]}),
@@ -121,16 +123,6 @@ class Page:
 
 def _asset(name: str) -> str:
     return (_ASSETS / name).read_text(encoding="utf-8")
-
-
-def _leaflet() -> str:
-    """Return the library without its reference to a source map, which a browser would request."""
-    return re.sub(r"^//# sourceMappingURL=.*$", "", _asset("leaflet.js"), flags=re.MULTILINE)
-
-
-def _without_pictures(style: str) -> str:
-    """Return a style sheet without references to pictures; the page uses none."""
-    return re.sub(r"url\([^)]*\)", "none", style)
 
 
 def _digest(script: str) -> str:

@@ -146,7 +146,7 @@ def summary(results: Sequence[PairResult], method: str) -> ResultTable:
     cpu = [r.cpu_s for r in results]
     cells = (
         *(number(_median(metres), 3), number(_median(degrees), 2)),
-        f"{_rms(surprises):.2f}" if surprises else "-",
+        f"{math.sqrt(statistics.fmean(surprises)):.2f}" if surprises else "-",
         *(number(_median(cpu), 2), f"{max(cpu):.2f}"),
         str(sum(r.ambiguous for r in results)),
         str(sum(r.accepted and r.bent_m > 0.0 for r in results)),
@@ -195,10 +195,6 @@ def _share(results: Sequence[PairResult]) -> str:
     return f"{sum(r.accepted and r.right for r in results)}/{len(results)}" if results else "-"
 
 
-def _rms(squares: Sequence[float]) -> float:
-    return math.sqrt(statistics.fmean(squares))
-
-
 def _surprise(found: "Alignment", truth: SE2 | None) -> float | None:
     if found.T_target_source is None or found.covariance is None or truth is None:
         return None
@@ -222,8 +218,9 @@ def encounters_of(pair: KnownPair) -> list[Encounter]:
     if pair.T_target_source is None:
         return []
     rng = np.random.default_rng(zlib.crc32(pair.name.encode()))
-    source = _centres(pair.source.grid, _free(pair.source.grid))
-    shared = source[_is_free_at(pair.target.grid, pair.T_target_source.apply(source))]
+    source = pair.source.grid.geometry.centres_of(*np.nonzero(_free(pair.source.grid)))
+    rows, cols, inside = pair.target.grid.geometry.cells_at(pair.T_target_source.apply(source))
+    shared = source[inside & _free(pair.target.grid)[rows, cols]]
     if len(shared) == 0:
         return []
     here = shared[rng.integers(len(shared))]
