@@ -32,11 +32,11 @@ PAIR_METHODS = (*METHODS, "howard")
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset all
-      two recordings, one with an option of build_maps; errors where .relations or .truth.tum lies beside
+      two recordings, one with an option of build_maps; errors against .relations or .truth.tum beside them
   python tools/%(prog)s.py slam --world office:1:good --world office:1:poor,beams=361 --repeat 3 --json figures.json
-      bags of simulated drives (kind:seed:odometry and options of make_world), medians of three runs
+      simulated drives (kind:seed:odometry and options of make_world), medians of three runs
   python tools/%(prog)s.py slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
-      ten drives through ten buildings each, and a line on the worst of them
+      a drive through each of ten buildings, and the worst of them
   python tools/%(prog)s.py align map-pairs/ --details --plot calibration.png
       every .npz pair of a folder (see datasets/synthetic/map_pairs/pairs.py), with a line for each wrong one
   python tools/%(prog)s.py align map-pairs/ --method all
@@ -44,7 +44,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
       each recording cut into robots, mapped, merged, and compared with the whole recording
   python tools/%(prog)s.py perturb mit-csail.bag --jobs 2 --without blocked_beams.enabled=false
-      a recording with other angles, odometry, scans and mounts of the laser, and with another parameter
+      a recording with changed angles, odometry, scans and laser mounts, and with a changed parameter
 """
 
 

@@ -1,7 +1,7 @@
 """Turn recordings into one belief map per robot.
 
-A recording is split into segments that stand for several robots, each robot is mapped on its own, and each map lies in
-a frame that no other robot knows.
+A recording may be split into segments that stand for several robots. Each robot is mapped separately, and its map has
+its own frame.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py recording.bag --robots 3 --overlap 0.3 -o out/building
-      split one drive into three robots that share 30 percent of their way
+      split one drive into three robots that share 30 percent of their path
   python tools/%(prog)s.py monday.bag tuesday.bag --separate --profile stata -o out/stata
       one robot a bag, read like the MIT Stata Center recordings
   python tools/%(prog)s.py recordings/ --separate --workers 8 --config mine.toml -o out/all
-      every recording of a directory, eight at a time, with own parameters; run again, it goes on where it stopped
+      every recording of a directory, eight at a time, with changed parameters; a second run continues the first
 
 exit codes: 0 done, 1 something is wrong (one line says what; what was finished is kept), 2 wrong usage, 130 interrupted
 """
@@ -48,7 +48,7 @@ def parser(program: str = "build_maps") -> argparse.ArgumentParser:
         "recordings", nargs="*", type=path_argument, metavar="RECORDING", help="bags, logs, or directories of them"
     )
     grammar.add_argument(
-        "-o", "--out", type=path_argument, default=Path("maps"), help="where the robots' folders go (maps)"
+        "-o", "--out", type=path_argument, default=Path("maps"), help="folder of the robots' folders (maps)"
     )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     _add_robots(grammar.add_argument_group("robots"))
@@ -67,7 +67,7 @@ def parser(program: str = "build_maps") -> argparse.ArgumentParser:
         type=path_argument,
         nargs="+",
         metavar="TUM",
-        help="true trajectories in one frame, one a recording; without them the whole drive is mapped as the reference",
+        help="true trajectory of each recording, in one frame; without them the whole drive is mapped as the reference",
     )
     truth.add_argument("--no-truth", action="store_true", help="write no truth.json")
     add_recording_options(grammar)
@@ -83,7 +83,7 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
         "--split",
         choices=("distance", "time", "gaps"),
         default="distance",
-        help="what to split by; gaps: see --gap (distance)",
+        help="split by distance, time or gaps (see --gap) (distance)",
     )
     robots.add_argument(
         "--overlap",
@@ -104,7 +104,7 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
         "--frames",
         choices=("private", "odometry"),
         default="private",
-        help="turn and shift each robot's frame at random, or keep the odometry's (private)",
+        help="a random frame for each robot, or that of the odometry (private)",
     )
     robots.add_argument(
         "--seed", type=int, help="seed of the private frames and of random matchers (the configuration's)"

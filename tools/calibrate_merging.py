@@ -1,8 +1,7 @@
 """Fit the confidence of alignments on pairs of maps with known poses, and evaluate it on others.
 
-The weights that turn evidence into a probability are fitted on all pairs given. What they are worth is measured by
-leaving out one building at a time, with its parts and its mirror image, fitting on the rest, and asking about the one
-left out.
+The weights of the evidence are fitted on all given pairs. The model is evaluated by cross-validation: each building,
+with its parts and its mirror image, is left out of the fit once.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
@@ -27,9 +26,9 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py pairs/ new-pairs/ -o merging/confidence_model.json
-      fit on folders of pairs, as tools/make_map_pairs.py writes them, and on no other
+      fit on folders of pairs that tools/make_map_pairs.py wrote
   python tools/%(prog)s.py pairs/ --ask other-pairs/ --plot calibration.png
-      what the model is worth on pairs that had no part in it; nothing is written but the picture
+      evaluate the model on pairs that are not part of the fit; only the picture is written
 """
 WHOLE = 3.0
 """Weight of a pair of whole buildings; a pair of parts, whose borders are not those of buildings, has 1."""

@@ -1,6 +1,6 @@
 """Compute and draw the errors of a trajectory or a map.
 
-A trajectory, anybody's in TUM format, is compared with a true one (ATE, RPE after a rigid alignment) or with the true
+A trajectory in TUM format is compared with a true trajectory (ATE, RPE after a rigid alignment) or with the true
 relations of the public SLAM benchmark. A map is compared with another map or a simulated world, cell by cell.
 """
 
@@ -20,17 +20,17 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
       ATE and RPE over steps of 1 m, and the drive coloured by its error
   python tools/%(prog)s.py trajectory out/intel/robot_0/trajectory.tum --relations intel.relations --json
-      the errors of Kuemmerle et al. (2009), for other programs to read
+      the errors of Kuemmerle et al. (2009) as JSON
   python tools/%(prog)s.py map out/office/robot_0 --truth world/world.npz \\
       --trajectories out/office/robot_0/trajectory.tum world/robot_0.truth.tum --refine
-      the share of cells that are as in the world, where the trajectories say that the map lies
+      the share of right cells, with the map placed in the world by its trajectory
   python tools/%(prog)s.py map out/office/merged --truth floor-plan.yaml --transform 12 30 0 --align 5
-      the same on a floor plan, where the map lies within five metres of the stated place
+      the same on a floor plan, with a pose that is known to five metres
 
-of a map: known_both, known_map, known_truth count cells; agree is the share of the cells known to both that both call
-the same, agree_nearby the same where a neighbouring cell counts too; agree_occupied, agree_free: of the map's occupied
-(free) cells; found_occupied, found_free: of the true ones; wall_distance_m: mean distance from the map's walls to the
-nearest true one
+figures of a map: known_both, known_map and known_truth count cells. agree is the share of equal cells among the cells
+known to both; agree_nearby also accepts a neighbouring cell. agree_occupied and agree_free are the shares of the map's
+occupied and free cells, found_occupied and found_free those of the true cells. wall_distance_m is the mean distance of
+the map's walls to the nearest true wall
 """
 
 
@@ -45,7 +45,7 @@ def parser(program: str = "evaluate") -> argparse.ArgumentParser:
 
 
 def _add_trajectory(command: argparse.ArgumentParser) -> None:
-    command.add_argument("estimate", type=path_argument, metavar="EST.tum", help="the trajectory to judge")
+    command.add_argument("estimate", type=path_argument, metavar="EST.tum", help="the estimated trajectory")
     truth = command.add_mutually_exclusive_group(required=True)
     truth.add_argument(
         "--truth", type=path_argument, metavar="GT.tum", help="the true trajectory: TUM, or *.gt.laser.poses"
@@ -53,32 +53,24 @@ def _add_trajectory(command: argparse.ArgumentParser) -> None:
     truth.add_argument(
         "--relations", type=path_argument, metavar="FILE", help="true relations: t1 t2 x y z roll pitch yaw"
     )
-    of_what = command.add_argument_group("what the true trajectory is of")
+    of_what = command.add_argument_group("frame of the true trajectory")
     of_what.add_argument(
         "--frame", choices=("robot", "laser"), help="robot or laser (robot for TUM, laser for *.gt.laser.poses)"
     )
     of_what.add_argument(
-        "--sensor-pose",
-        type=float,
-        nargs=3,
-        metavar=("X", "Y", "DEG"),
-        help="where the laser is mounted [m, m, deg] (as in the map beside EST.tum)",
-    )
+        "--sensor-pose", type=float, nargs=3, metavar=("X", "Y", "DEG"),
+        help="pose of the laser on the robot [m, m, deg] (as in the map beside EST.tum)",
+    )  # fmt: skip
     step = command.add_argument_group("relative errors (with --truth)").add_mutually_exclusive_group()
     step.add_argument("--step-m", type=float, metavar="M", help="length of a step (1)")
-    step.add_argument("--step-s", type=float, metavar="S", help="time of a step instead")
+    step.add_argument("--step-s", type=float, metavar="S", help="duration of a step instead")
     command.add_argument(
-        "--max-stamp-difference",
-        type=float,
-        metavar="S",
-        help="poses belong together when their stamps are no further apart (0.01; 0.001 for relations)",
-    )
+        "--max-stamp-difference", type=float, metavar="S",
+        help="largest difference of the stamps of matching poses (0.01; 0.001 for relations)",
+    )  # fmt: skip
     _add_output(command)
     command.add_argument(
-        "--map",
-        type=path_argument,
-        metavar="MAP",
-        help="draw it beneath: a map in the estimate's frame, or a world.npz",
+        "--map", type=path_argument, metavar="MAP", help="background: a map in the estimate's frame, or a world.npz"
     )
 
 
@@ -89,33 +81,25 @@ def _add_map(command: argparse.ArgumentParser) -> None:
     either = place.add_mutually_exclusive_group()
     either.add_argument("--transform", type=float, nargs=3, metavar=("X", "Y", "DEG"), help="T_truth_map [m, m, deg]")
     either.add_argument(
-        "--trajectories",
-        type=path_argument,
-        nargs=2,
-        metavar=("EST.tum", "GT.tum"),
-        help="one drive in the map's frame and in the truth's",
-    )
+        "--trajectories", type=path_argument, nargs=2, metavar=("EST.tum", "GT.tum"),
+        help="one drive in the frames of the map and of the truth",
+    )  # fmt: skip
     place.add_argument(
-        "--align",
-        type=float,
-        metavar="M",
-        help="search within M metres and 20 degrees of that, by the walls as merge does, such as on a floor plan",
-    )
-    place.add_argument("--refine", action="store_true", help="refine that pose by the distances between walls")
+        "--align", type=float, metavar="M",
+        help="search within M metres and 20 degrees of this pose by walls, as merge does, for example on a floor plan",
+    )  # fmt: skip
+    place.add_argument("--refine", action="store_true", help="refine this pose by the distances between walls")
     command.add_argument(
-        "--min-evidence",
-        type=float,
-        default=0.0,
-        metavar="F",
+        "--min-evidence", type=float, default=0.0, metavar="F",
         help="cells of a map with less mass on free and occupied count as unknown (0: any evidence counts)",
-    )
+    )  # fmt: skip
     _add_output(command)
 
 
 def _add_output(command: argparse.ArgumentParser) -> None:
     output = command.add_argument_group("output")
     output.add_argument("--json", action="store_true", help="print JSON instead of text")
-    output.add_argument("--picture", type=path_argument, metavar="PNG", help="draw where the error is")
+    output.add_argument("--picture", type=path_argument, metavar="PNG", help="draw the errors")
     output.add_argument("--debug", action="store_true", help="show a traceback when something fails")
 
 
@@ -152,7 +136,7 @@ def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     if args.max_stamp_difference is not None and not args.max_stamp_difference >= 0.0:
         grammar.error("--max-stamp-difference must not be negative")
     if args.map and not args.picture:
-        grammar.error("--map is drawn beneath the trajectory: add --picture")
+        grammar.error("--map is the background of a picture: add --picture")
 
 
 def _check_transform(grammar: argparse.ArgumentParser, numbers: list[float]) -> None:

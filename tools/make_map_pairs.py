@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py -o pairs --seeds 0 1 2
-      every kind of building with three seeds each: six overlaps, two far ends, other buildings, a mirrored one
+      every kind of building with three seeds: six overlaps, two far ends, other buildings, a mirrored building
   python tools/%(prog)s.py -o new-pairs --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/mit-csail --parts 3
-      cut out of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
+      parts of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
   python tools/%(prog)s.py -o bent --seeds 0 1 2 --bend 0.3 --overlap 100 50
-      maps as of two years: each is distorted by 0.3 m, and all movable objects stand elsewhere
+      maps of different years: each is distorted by 0.3 m, and all movable objects are moved
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
 PERCENT = (100, 75, 50, 35, 25, 15)
@@ -57,10 +57,10 @@ def _parser() -> argparse.ArgumentParser:
     grammar = ProgramParser(prog="make_map_pairs", description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("-o", "--out", type=path_argument, required=True, metavar="FOLDER", help="where the pairs go")
     what = grammar.add_argument_group("buildings")
-    what.add_argument("--world", nargs="+", choices=KINDS, help="kinds of made-up buildings (all; with --floor none)")
-    what.add_argument("--seeds", nargs="+", type=int, default=[0], metavar="N", help="of the made-up buildings (0)")
+    what.add_argument("--world", nargs="+", choices=KINDS, help="kinds of simulated buildings (all; none with --floor)")
+    what.add_argument("--seeds", nargs="+", type=int, default=[0], metavar="N", help="seeds of these buildings (0)")
     what.add_argument(
-        "--floor", nargs="+", default=[], metavar="NAME=PATH", help="real maps: a pair's first one (.npz), or any map"
+        "--floor", nargs="+", default=[], metavar="NAME=PATH", help="real maps: the first map of a pair, or any map"
     )
     what.add_argument(
         "--lattice", type=float, metavar="M2",
@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     what.add_argument("--area", type=float, metavar="M2", help="free area of the part of each building (all of it)")
     what.add_argument("--parts", type=int, default=0, metavar="N", help="also its mirror image and N parts of it")
     what.add_argument(
-        "--largest", type=float, default=float("inf"), metavar="M2", help="write no pair that knows more (no limit)"
+        "--largest", type=float, default=float("inf"), metavar="M2", help="largest known area of a pair (no limit)"
     )
     what.add_argument("--overlap", nargs="+", type=int, default=PERCENT, metavar="PERCENT", help="of the two maps")
     grammar.add_argument(

@@ -1,7 +1,7 @@
-"""Write bags of simulated robots that drive through a simulated building, and the truth beside them.
+"""Simulate robots that drive through a building, and write their bags and the truth.
 
-Into the output folder go robot_0.bag, robot_1.bag, ... (or folders robot_0, ... in ROS 2's mcap), the true trajectory
-of each as robot_0.truth.tum, truth.json, the building as world.npz and a picture of it all, world.png.
+The output folder receives robot_0.bag, robot_1.bag, ... (or folders robot_0, ... with mcap of ROS 2), the true
+trajectories robot_0.truth.tum, ..., truth.json, the building world.npz, and a picture of everything, world.png.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py --world office --seed 1 --robots 3 --odometry good -o out/office
-      three robots in an office; together they see all of it, neighbours share 30 percent of their ways
+      three robots in an office; together they see all of it, and neighbours share 30 percent of their paths
   python tools/%(prog)s.py --world corridor --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
-      60 m of a corridor that looks the same everywhere, as a ROS 2 bag, with an old laser and bad wheels
+      60 m of a featureless corridor as a ROS 2 bag, with an old laser and poor odometry
 """
 
 WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
@@ -57,62 +57,43 @@ def parser(program: str = "make_world") -> argparse.ArgumentParser:
     files.add_argument("--format", choices=("ros1", "mcap"), default="ros1", help="ROS 1 bag or ROS 2 mcap (ros1)")
     files.add_argument("--compression", choices=("none", "bz2"), default="none", help="of ROS 1 bags (none)")
     files.add_argument(
-        "--no-return", type=float, default=65.533, metavar="CODE", help="inf, nan or a number out of range (65.533)"
+        "--no-return", type=float, default=65.533, metavar="CODE", help="range without a return: inf, nan or a number"
     )
     return grammar
 
 
 def _add_world(world: argparse._ArgumentGroup) -> None:
     world.add_argument("--world", choices=WORLDS, default="office", help="kind of building (office)")
-    world.add_argument("--seed", type=int, default=0, help="of the building, the drives and all noise (0)")
-    world.add_argument(
-        "--drive-seed", type=int, metavar="SEED", help="of drives and noise alone: other drives in the same building"
-    )
+    world.add_argument("--seed", type=int, default=0, help="seed of the building, the drives and all noise (0)")
+    world.add_argument("--drive-seed", type=int, metavar="SEED", help="another seed for the drives and the noise")
     world.add_argument("--robots", type=int, default=1, metavar="N", help="number of robots (1)")
+    world.add_argument("--length", type=float, metavar="M", help="length of each drive (enough to see everything)")
+    world.add_argument("--duration", type=float, metavar="S", help="longest duration of a drive")
     world.add_argument(
-        "--length", type=float, metavar="M", help="metres that a robot drives (enough to see everything)"
-    )
-    world.add_argument("--duration", type=float, metavar="S", help="seconds a robot drives at most")
-    world.add_argument(
-        "--overlap",
-        type=float,
-        default=0.3,
-        metavar="F",
-        help="share of the path that neighbouring robots have in common (0.3)",
+        "--overlap", type=float, default=0.3, metavar="F", help="common share of neighbours' paths (0.3)"
     )
     world.add_argument("--speed", type=float, default=0.65, metavar="M/S", help="largest speed (0.65)")
     world.add_argument("--odometry", choices=("none", "good", "poor"), default="good", help="odometry's errors (good)")
     world.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="NAME@S[+S[xF]]",
-        help="a fault from one time on, for a duration (10) [s]; may be repeated; reversed odometry "
-        "reports F times the distance (1): " + ", ".join(FAULTS),
-    )
+        "--fault", action="append", default=[], metavar="NAME@S[+S[xF]]",
+        help="a fault at a time, with a duration (10) [s]; may be repeated; reversed odometry reports F times the "
+        "distance (1): " + ", ".join(FAULTS),
+    )  # fmt: skip
 
 
 def _add_laser(laser: argparse._ArgumentGroup) -> None:
-    laser.add_argument("--beams", type=int, default=1040, help="beams a scan; 180, 181, 361 span half a turn (1040)")
+    laser.add_argument("--beams", type=int, default=1040, help="beams of a scan; 180, 181, 361 span 180 deg (1040)")
     laser.add_argument("--rate", type=float, default=20.0, metavar="HZ", help="scans a second (20)")
     laser.add_argument("--range-max", type=float, default=30.0, metavar="M", help="largest range (30)")
     laser.add_argument("--noise", type=float, default=0.01, metavar="M", help="standard deviation of a range (0.01)")
     laser.add_argument("--dropouts", type=float, default=0.003, metavar="F", help="share of lost returns (0.003)")
-    laser.add_argument("--wrong-returns", type=float, default=0.001, metavar="F", help="share of early ones (0.001)")
+    laser.add_argument("--wrong-returns", type=float, default=0.001, metavar="F", help="share of short returns (0.001)")
     laser.add_argument(
         "--mount", nargs=3, type=float, default=(0.275, 0.0, 0.0), metavar=("X", "Y", "YAW_DEG"), help="(0.275 0 0)"
     )
-    laser.add_argument(
-        "--sweep", type=float, default=0.0, metavar="S", help="time from the first beam of a scan to the last [s] (0)"
-    )
-    laser.add_argument(
-        "--rings",
-        type=int,
-        default=0,
-        metavar="N",
-        help="a lidar of N rings in its place, which sends point clouds (0)",
-    )
-    laser.add_argument("--upside-down", action="store_true", help="hang the laser from its mount")
+    laser.add_argument("--sweep", type=float, default=0.0, metavar="S", help="duration of a scan [s] (0)")
+    laser.add_argument("--rings", type=int, default=0, metavar="N", help="a lidar of N rings that sends clouds (0)")
+    laser.add_argument("--upside-down", action="store_true", help="mount the laser upside down")
 
 
 def main(argv: list[str] | None = None, program: str = "make_world") -> int:
@@ -122,7 +103,7 @@ def main(argv: list[str] | None = None, program: str = "make_world") -> int:
     if args.format == "mcap" and args.compression != "none":
         grammar.error("--compression is for ROS 1 bags; drop it or --format mcap")
     if 0.0 < args.no_return <= args.range_max:
-        grammar.error(f"--no-return must be no range that the laser may measure, got {args.no_return:g}")
+        grammar.error(f"--no-return must differ from every range that the laser may measure, got {args.no_return:g}")
     if args.drive_seed is not None and args.drive_seed < 0:
         grammar.error(f"--drive-seed must not be negative, got {args.drive_seed}")
     return ended(program, lambda: _run(grammar, args), debug=args.debug)

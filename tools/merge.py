@@ -50,13 +50,13 @@ DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py out/robot_0 out/robot_1 -o merged
-      two robots' maps as build_maps wrote them become merged/map.npz, map.yaml, pictures and a report
+      merge the maps of two robots into merged/map.npz, map.yaml, pictures and a report
   python tools/%(prog)s.py out/week -o merged --workers 8
       all maps in a folder that build_maps wrote, eight pairs at a time
   python tools/%(prog)s.py hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
-      any number of maps, from elsewhere too; only what all robots saw, fused as if each were reliable
+      maps of any program; keep only cells that all robots saw, and fuse them conjunctively
   python tools/%(prog)s.py plan.yaml out/robot_0 out/robot_1 -o merged --pose robot_0 12.5 -3 90
-      of one of them it is known where it lies: about 12.5 m, -3 m and 90 degrees in the plan's frame
+      the pose of robot_0 in the plan's frame is about 12.5 m, -3 m and 90 degrees
 
 exit codes: 0 merged, 1 something is wrong (one line says what), 2 wrong usage, 3 no two maps could be merged (the
 report says why), 130 interrupted

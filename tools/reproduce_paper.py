@@ -1,8 +1,8 @@
 """Repeat the paper's experiments on maps with known relative poses, and write a report.
 
-Every table and figure of M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on Transferable Belief Model",
-SEIM 2021, with the paper's values beside those measured here. Into the output folder go report.html, figures.json, and
-the recordings and maps where they are made first.
+The report contains every table and figure of M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on
+Transferable Belief Model", SEIM 2021, with the paper's values beside the measured values. The output folder receives
+report.html, figures.json, and the recordings and maps unless they are given.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
@@ -29,9 +29,9 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py -o out/paper
       five simulated drives through one office, mapped as the paper's were: ten pairs
   python tools/%(prog)s.py run.bag --robots 5 --overlap 0.8 -o out/paper-run
-      one's own recording, cut into five robots; the truth is the default SLAM's map of the whole
+      a recording, cut into five robots; the reference is the map of the whole recording by the default SLAM
   python tools/%(prog)s.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
-      maps made before (a folder that build_maps wrote, with its truth.json)
+      existing maps (a folder that build_maps wrote, with its truth.json)
 """
 
 _MOST, _FAR = 1000, 1e6
@@ -48,25 +48,21 @@ def parser() -> argparse.ArgumentParser:
     )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     maps = grammar.add_argument_group("maps")
-    maps.add_argument(
-        "--maps", type=path_argument, metavar="DIR", help="use these, which build_maps made, and make none"
-    )
+    maps.add_argument("--maps", type=path_argument, metavar="DIR", help="use maps that build_maps wrote")
     maps.add_argument("--world", choices=WORLDS, default="office", help="kind of the simulated building (office)")
-    maps.add_argument("--seed", type=int, default=1, help="of the building and the drives (1)")
-    maps.add_argument("--drives", type=int, default=5, metavar="N", help="simulated drives through all of it (5)")
-    maps.add_argument("--duration", type=float, metavar="S", help="seconds a simulated drive lasts at most")
+    maps.add_argument("--seed", type=int, default=1, help="seed of the building and the drives (1)")
+    maps.add_argument("--drives", type=int, default=5, metavar="N", help="number of simulated drives (5)")
+    maps.add_argument("--duration", type=float, metavar="S", help="longest duration of a simulated drive")
     maps.add_argument("--robots", type=int, default=5, metavar="N", help="robots that recordings are cut into (5)")
-    maps.add_argument(
-        "--overlap", type=float, default=0.8, metavar="F", help="share that neighbours have in common (0.8)"
-    )
-    maps.add_argument("--preset", default="viny", help="the SLAM that makes the maps (viny, as in the paper)")
+    maps.add_argument("--overlap", type=float, default=0.8, metavar="F", help="common share of neighbours' paths (0.8)")
+    maps.add_argument("--preset", default="viny", help="preset of the SLAM (viny, as in the paper)")
     maps.add_argument(
         "--resolution", type=float, default=0.1, metavar="M", help="side of a cell (0.1, as in the paper)"
     )
     experiments = grammar.add_argument_group("experiments")
-    experiments.add_argument("--pairs", type=int, default=10, metavar="N", help="pairs of maps at most, to 16 (10)")
+    experiments.add_argument("--pairs", type=int, default=10, metavar="N", help="largest number of pairs, to 16 (10)")
     experiments.add_argument("--min-overlap", type=float, default=0.25, metavar="F", help="of the smaller map (0.25)")
-    experiments.add_argument("--tolerance", type=float, default=0.5, metavar="M", help="a right match is so near (0.5)")
+    experiments.add_argument("--tolerance", type=float, default=0.5, metavar="M", help="error of a right match (0.5)")
     experiments.add_argument("--keypoints", default="100,500,1000,2500,5000", metavar="N,...", help="rows of table II")
     experiments.add_argument("--ratios", default="0.5,0.6,0.7,0.8", metavar="R,...", help="rows of table II")
     experiments.add_argument("--areas", default="4125,4900,5625,8700,12100,13200", metavar="M2,...", help="of table IV")
@@ -112,7 +108,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.preset not in PRESETS:
         raise ValueError(f"--preset: there is no {args.preset!r}; there are {', '.join(PRESETS)}")
     if args.maps is not None and args.recordings:
-        raise ValueError("--maps has the maps already: give no recordings")
+        raise ValueError("--maps replaces recordings: give one of them")
 
 
 def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
@@ -177,21 +173,20 @@ def _report(
     made = "recordings that were given" if args.recordings else f"simulated drives through one building ({args.world})"
     source = f"maps from {args.maps}" if args.maps else f"maps of {made}, made by the preset {args.preset}"
     known = (
-        "The true transforms of simulated drives are known, so a right match is a fact and not an estimate."
+        "The true transforms of simulated drives are known exactly."
         if not (args.recordings or args.maps)
-        else "The transforms that count as true are those of truth.json, which may be estimates themselves."
+        else "The reference transforms are those of truth.json, which may be estimates."
     )
     lead = [
         *conclusions(results),
         (
             'Tables I to IV and figures 1 to 4 of M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on '
             f'Transferable Belief Model", SEIM 2021, measured on {len(pairs)} pairs: {source}, cells of '
-            f"{pairs[0].target.geometry.resolution:g} m, every map in a frame of its own, turned and shifted at "
-            f"random. {known}"
+            f"{pairs[0].target.geometry.resolution:g} m, every map in its own random frame. {known}"
         ),
         (
-            "The paper's maps (MIT Stata Center, floor 2) and its code's runs are not at hand, so single numbers "
-            "cannot agree; what can be compared is which way is better, and by how much."
+            "The paper's maps (MIT Stata Center, floor 2) and its code's runs are not available, so single numbers "
+            "cannot agree. Compare the order and the differences of the methods."
         ),
     ]
     parameters = {**vars(settings), **{key: str(value) for key, value in sorted(vars(args).items())}}

@@ -193,7 +193,7 @@ def test_relations_of_another_recording(files, tmp_path, capsys):
         (("trajectory", "a", "--truth", "b", "--step-m", "0"), "--step-m must be positive"),
         (("trajectory", "a", "--relations", "b", "--step-s", "1"), "relations have steps of their own"),
         (("trajectory", "a", "--truth", "b", "--max-stamp-difference", "-1"), "must not be negative"),
-        (("trajectory", "a", "--truth", "b", "--map", "m"), "--map is drawn beneath the trajectory: add --picture"),
+        (("trajectory", "a", "--truth", "b", "--map", "m"), "--map is the background of a picture: add --picture"),
         (("map", "a", "--truth", "b", "--min-evidence", "1"), r"--min-evidence must lie within [0, 1)"),
     ],
 )

@@ -78,7 +78,7 @@ def test_maps_without_truth_are_one_line_and_exit_1(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["a.bag", "--maps", "b"], "--maps has the maps already: give no recordings"),
+        (["a.bag", "--maps", "b"], "--maps replaces recordings: give one of them"),
         (["--pairs", "17"], "--pairs must be within 1 and 16"),
         (["--ratios", "0"], "--ratios, --areas, --tolerance and --duration must be within 0 and 1e+06"),
         (["--tolerance", "nan"], "--tolerance and --duration must be within 0 and 1e+06"),

@@ -1,4 +1,4 @@
-"""Calls in fresh processes, so that memory and caches are those of the call alone."""
+"""Calls in new processes, for measurements of memory and time without influence of earlier calls."""
 
 import contextlib
 import multiprocessing
@@ -94,7 +94,7 @@ def in_fresh_processes(
 
 def peak_memory_mb() -> float:
     """Return the peak memory of this process [MB]."""
-    # Where there is /proc: getrusage may report the parent's peak, taken over when the process began.
+    # On Linux getrusage may report the peak of the parent process.
     status = Path("/proc/self/status")
     if status.exists():
         for line in status.read_text(encoding="ascii").splitlines():

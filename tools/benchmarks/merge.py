@@ -32,11 +32,11 @@ HEAD = (
 CREW_HEAD = ("robots", "workers", "merged", "wall s", "peak MB")
 
 NOTES = """\
-Two maps of a building, half of each seen by both. Left of the peak: the paper's chain at 0.1 m (keypoints and
-descriptors of both maps, matching, consensus, transform and disjunctive fusion), wall time, the quickest of {repeat},
-and the CPU time of all of it, which a busy machine lengthens less; program: what the authors' C++ takes on this kind
-of machine, left alone, for that area; how many times faster by wall time and by CPU time. align: the default global
-alignment at {resolution} m, CPU time of one run, loading and compiling left out; peak: memory of its whole process."""
+Two maps of a building overlap by half. features to CPU: the paper's chain at 0.1 m (keypoints and descriptors of both
+maps, matching, consensus, transform and disjunctive fusion), the shortest wall times of {repeat} runs, and the CPU time
+of the chain. program: wall time of the authors' C++ program for this area on an idle machine of this kind. times
+faster: by wall time and by CPU time. align: CPU time of the default alignment at {resolution} m, without loading and
+compiling. peak: memory of the process."""
 
 # The authors' program, unmodified, on a machine like the figures': area [m2] of the merged canvas and best time [ms].
 _PROGRAM_M2 = (4900.0, 7225.0, 8100.0, 10000.0, 12100.0, 15625.0, 19600.0, 25600.0, 41000.0)
@@ -108,7 +108,7 @@ def benchmark_merge(args: argparse.Namespace) -> None:
 
 def run_merge(area: float, resolution: float, repeat: int) -> MergeRun:
     """Make a pair with a canvas of about the given area [m^2], and measure its merge."""
-    for size in (_WARM_UP_M2, _floor_m2(area)):  # first what is compiled or loaded once
+    for size in (_WARM_UP_M2, _floor_m2(area)):  # the first run compiles and loads
         steps, canvas = _time_chain(_pair(size, _PAPER_RESOLUTION), repeat)
         is_right, align_cpu_s = _align(_pair(size, resolution))
     cells = canvas.rows * canvas.cols

@@ -190,11 +190,10 @@ HEAD = (
 SEEDS_HEAD = ("worlds", "preset", "seeds", f"lost (ATE above {LOST_M} m)", "median ATE m", "worst ATE m", "worst drive")
 
 NOTES = f"""\
-scans/s: scans per CPU second of the process in everything but reading. read/s, match/s, insert/s, finish/s: scans per
-CPU second of that part alone (finish: closing loops and rendering). times real time: duration of the recording over the
-time that passed, reading included. mean error: of the true relations. Warm-up: a run that is not counted fills
-numba's cache; then each process maps the first {WARM_UP_SCANS} scans, and a short simulated drive, before its clocks
-start, which loads the compiled code."""
+scans/s: scans per CPU second of the process without reading. read/s, match/s, insert/s, finish/s: scans per CPU second
+of this part (finish: closing loops and rendering). times real time: duration of the recording divided by the wall time,
+including reading. mean error: of the true relations. A first run, which is not counted, fills numba's cache. Each
+process first maps {WARM_UP_SCANS} scans and a short simulated drive, which loads the compiled code."""
 
 
 @dataclass(frozen=True)

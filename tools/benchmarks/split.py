@@ -38,12 +38,12 @@ HEAD = (
 )
 
 NOTES = """\
-Each recording is cut into robots by build_maps, in frames that no other knows, and merged. pairs: those that share a
-quarter of the smaller map's free space or more; near enough: of these, pairs whose relative pose is within 0.2 m, in
-the middle of the second map, and 1 degree of truth.json. as undivided: share of the cells known to the merged map and
-to that of the whole recording that both call the same; or beside: a neighbour counts too. undivided turned: share of
-the cells in which the undivided map is like itself when drawn again on the merged map's cells. undivided again: that in
-which it is like the map that the whole recording gives in the odometry's frame, where cells lie otherwise."""
+build_maps cuts each recording into robots with random frames, and their maps are merged. pairs: pairs that share a
+quarter of the smaller map's free space or more. near enough: pairs whose relative pose is within 0.2 m, in the middle
+of the second map, and 1 degree of truth.json. as undivided: share of equal cells, of the cells known to the merged map
+and to the map of the whole recording; or beside: a neighbouring cell counts too. undivided turned: the same for the
+undivided map and its rendering on the merged map's cells. undivided again: the same for the undivided map and a map of
+the whole recording in the frame of the odometry, with other cells."""
 
 _SHARED = 0.25
 _SAME_MOMENT_S = 1e-3
@@ -119,10 +119,7 @@ def agreement_of(again: Path, undivided: Path) -> float:
 
 
 def run_split(text: str, folder: Path, undivided: Path, again: float) -> SplitRun:
-    """Merge the maps of a folder that build_maps wrote, and hold the result against truth.json and an undivided map.
-
-    `again` is kept as it is, see `SplitRun`.
-    """
+    """Merge the maps of a folder, and compare the result with truth.json and an undivided map; see `SplitRun`."""
     truth = read_truth_file(folder / TRUTH_FILE)
     poses = truth.poses
     maps = {name: load_map(folder / name) for name in poses}
@@ -177,7 +174,7 @@ def _errors(found: SE2, true: SE2, moved: TbmMap) -> tuple[float, float]:
 
 
 def _agreements(merged: TbmMap, undivided: TbmMap) -> tuple[MapAgreement, MapAgreement]:
-    """Compare the undivided map, laid onto a merged one by drives and walls, with that and with itself drawn there."""
+    """Compare the undivided map, aligned by drives and walls, with the merged map and with its own rendering there."""
     guess = laid_by_drives(undivided, merged)
     labels, true_labels = cell_labels(merged.grid), cell_labels(undivided.grid)
     motion = refine_map_transform(labels, merged.grid.geometry, true_labels, undivided.grid.geometry, guess)
@@ -188,7 +185,7 @@ def _agreements(merged: TbmMap, undivided: TbmMap) -> tuple[MapAgreement, MapAgr
 
 
 def laid_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
-    """Return the pose of a merged map in the undivided one, by where both have the robots, each in its own order."""
+    """Return the pose of a merged map in the undivided map, from the poses of the robots at equal stamps."""
     whole = undivided.drives[0].trajectory
     there, here = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for trajectory in (drive.trajectory for drive in merged.drives):
@@ -197,7 +194,7 @@ def laid_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
         here.append(trajectory.poses[j, :2])
     target, source = np.vstack(there), np.vstack(here)
     if len(target) < 2:
-        raise MeasurementError("the merged map and that of the whole recording have no moment in common")
+        raise MeasurementError("the merged map and the map of the whole recording have no common stamps")
     return fit_rigid(target, source)[0]
 
 

@@ -26,8 +26,8 @@ def map_section(pairs: Sequence[MapPair]) -> Section:
         "Figure 1 and the maps",
         [
             (
-                "The four images that keypoints are found and described on, of the first map; then all maps, each in a "
-                "frame of its own, and the true poses of the pairs (overlap: share of the smaller map that both know)."
+                "The four images of the first map for keypoints and descriptors, all maps in their own frames, and the "
+                "true poses of the pairs (overlap: share of the smaller map that both maps know)."
             )
         ],
         [PaperTable("Pairs", heads, rows)],
@@ -53,15 +53,14 @@ def halves_section(results: PaperResults) -> Section:
         "Figure 2: the conjunctive and the disjunctive rule",
         [
             (
-                f"The first map, its left and right {SHARE:.0%}, and what the rules make of them. As in the paper, the "
-                "conjunctive rule keeps what either part knows and grows surer where both know; the disjunctive rule, "
-                "read strictly, keeps the common strip alone. By default this project reads a cell that a robot never "
-                "saw as no testimony instead of the testimony 'unknown': the map then extends, and the rule still "
-                "decides where both saw."
+                f"The first map, its left and right {SHARE:.0%}, and their fusion by each rule. As in the paper, the "
+                "conjunctive rule keeps all known cells, with more certainty in the common strip, and the disjunctive "
+                "rule in the strict sense keeps only the common strip. By default this project does not treat unseen "
+                "cells as evidence for 'unknown'. It keeps all known cells, and the rule applies to the common strip."
             ),
-            f"In the strip that both know, the mean mass on unknown was {before:.3f} in the parts.",
+            f"In the common strip the mean mass on unknown was {before:.3f} in the parts.",
         ],
-        [PaperTable("What is left", ["rule", "known, of the map's cells", "mean mass on unknown in the strip"], rows)],
+        [PaperTable("Fused maps", ["rule", "share of known cells", "mean mass on unknown in the strip"], rows)],
         [PaperPicture(draw_grid(grid, window), name) for name, grid in grids.items()],
     )
 
@@ -70,9 +69,9 @@ def merged_section(pairs: Sequence[MapPair], results: PaperResults) -> Section:
     """Figure 4."""
     pair, merged = pairs[0], results.merged
     grids = {"a: the first map": pair.target, "b: the second map": pair.source}
-    caption = f"Two maps and what the paper's algorithm 1 makes of them, of the pair {pair.name}."
+    caption = f"The two maps of the pair {pair.name}, merged by the paper's algorithm 1."
     if merged is None:
-        caption += " It found no transform for this pair, so that there is no merged map."
+        caption += " The algorithm found no transform for this pair, so there is no merged map."
     else:
         grids["c: merged"] = merged
     return Section(

@@ -79,4 +79,4 @@ def test_less_than_two_robots_are_no_split(capsys):
     with pytest.raises(SystemExit) as ended:
         benchmark.main(["split", "x.bag", "--robots", "1,2"])
     assert ended.value.code == 2
-    assert "--robots must be numbers within 2 and 10000, as 2,3,5, got 1,2" in capsys.readouterr().err
+    assert "--robots: must be a whole number within 2 and 10000, got '1'" in capsys.readouterr().err
