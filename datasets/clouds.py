@@ -48,10 +48,7 @@ class PointCloud(NamedTuple):
 def cloud_of(message: Any) -> PointCloud:
     """Read a sensor_msgs/PointCloud2.
 
-    Raises
-    ------
-    PointCloudError
-        It has no fields x, y and z, or holds fewer bytes than it states.
+    Raises a `PointCloudError` if it has no fields x, y and z, or holds fewer bytes than it states.
     """
     order = ">" if message.is_bigendian else "<"
     fields = {

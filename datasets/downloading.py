@@ -245,10 +245,7 @@ def known_recordings() -> Mapping[str, KnownRecording]:
 def known_recording(name: str) -> KnownRecording:
     """Return a recording by name.
 
-    Raises
-    ------
-    DatasetError
-        There is no recording of that name; the message states the nearest name.
+    Raises a `DatasetError` if there is no recording of that name; the message states the nearest name.
     """
     known = known_recordings()
     if name not in known:

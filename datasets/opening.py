@@ -106,12 +106,8 @@ def list_recordings(paths: Iterable[Path]) -> list[Path]:
     """Return recordings with those in directories, by name, in the place of the directories.
 
     A ROS 2 bag is a directory too and stays one; directories in directories are not entered but where they are such
-    bags.
-
-    Raises
-    ------
-    DatasetError
-        A directory holds no recording, or cannot be read; a path leads to a device or a pipe.
+    bags. Raises a `DatasetError` if a directory holds no recording, or cannot be read, or a path leads to a device or a
+    pipe.
     """
     return [found for path in paths for found in _recordings_at(path)]
 
@@ -154,10 +150,7 @@ def _entries(directory: Path) -> list[Path]:
 def file_digests(paths: Iterable[Path]) -> list[dict[str, str | int]]:
     """Return name, size and SHA-256 of each file; a directory stands for the files in it.
 
-    Raises
-    ------
-    DatasetError
-        A file is missing or cannot be read.
+    Raises a `DatasetError` if a file is missing or cannot be read.
     """
     return [_digest(file) for path in paths for file in _files(path)]
 

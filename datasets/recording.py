@@ -70,10 +70,7 @@ class Recording:
     def __iter__(self) -> Iterator[Reading]:
         """Yield the readings. `counts` holds this pass after its end.
 
-        Raises
-        ------
-        DatasetError
-            The recording is damaged, or none of its scans can be used.
+        Raises a `DatasetError` if the recording is damaged, or none of its scans can be used.
         """
         counts = ReadingCounts()
         yield from self._stream(counts)

@@ -16,10 +16,7 @@ _LONGEST_LINE = 1 << 22  # a few bytes may be decompressed to a line that fills 
 def first_bytes(path: Path, number: int = 4096) -> bytes:
     """Return the beginning of a file, decompressed if it is compressed.
 
-    Raises
-    ------
-    DatasetError
-        The file cannot be decompressed.
+    Raises a `DatasetError` if the file cannot be decompressed.
     """
     try:
         with open_unpacked(path) as stream:
@@ -31,10 +28,7 @@ def first_bytes(path: Path, number: int = 4096) -> bytes:
 def lines_of(path: Path) -> Iterator[str]:
     """Yield the lines of a text file, plain or compressed by gzip, bzip2 or xz; lines of many megabytes in pieces.
 
-    Raises
-    ------
-    DatasetError
-        The file cannot be read or ends within its compressed data.
+    Raises a `DatasetError` if the file cannot be read or ends within its compressed data.
     """
     try:
         with _opener(path)(path, "rt", encoding="latin-1") as stream:

@@ -30,10 +30,7 @@ class CellSizeError(TbmSlamError):
 def check_cell_size(resolution: float) -> None:
     """Check the side of a cell [m].
 
-    Raises
-    ------
-    CellSizeError
-        If no map has such cells.
+    Raises a `CellSizeError` if no map has such cells.
     """
     if not SMALLEST_CELL <= resolution <= LARGEST_CELL:
         raise CellSizeError(
@@ -92,10 +89,7 @@ def window_over(source: GridGeometry, T_target_source: SE2, lattice: GridGeometr
 def canvas_over(windows: list[GridGeometry]) -> GridGeometry:
     """Return the smallest part of the windows' common lattice that covers all of them.
 
-    Raises
-    ------
-    ValueError
-        If there is no window, or if they have no common lattice.
+    Raises a `ValueError` if there is no window, or if they have no common lattice.
     """
     if not windows:
         raise ValueError("windows must not be empty")
@@ -108,10 +102,7 @@ def canvas_over(windows: list[GridGeometry]) -> GridGeometry:
 def offset_in(canvas: GridGeometry, window: GridGeometry) -> tuple[int, int]:
     """Return the (row, col) of a canvas at which a window of the same lattice begins.
 
-    Raises
-    ------
-    ValueError
-        If they have no common lattice.
+    Raises a `ValueError` if they have no common lattice.
     """
     row = (window.origin_y - canvas.origin_y) / canvas.resolution
     col = (window.origin_x - canvas.origin_x) / canvas.resolution

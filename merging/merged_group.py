@@ -116,12 +116,8 @@ class GroupMap:
     ) -> "GroupMap":
         """Merge maps with known poses T_any_map in the frame of the map with the largest known area.
 
-        The rule, the coverage and the reliabilities of the user are not applied. A single map stays unchanged.
-
-        Raises
-        ------
-        CellSizeError
-            If the merged map would have too many cells.
+        The rule, the coverage and the reliabilities of the user are not applied. A single map stays unchanged. Raises a
+        `CellSizeError` if the merged map would have too many cells.
         """
         first, *others = most_known_first(maps, poses)
         if not others:

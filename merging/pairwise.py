@@ -80,10 +80,7 @@ class PreparedMaps:
     def of_pair(self, pair: Pair) -> tuple[PreparedMap | None, PreparedMap | None]:
         """Return the target and the source of a pair at one resolution; None for a map without known cells.
 
-        Raises
-        ------
-        CellSizeError
-            If the resolution is impossible, or a map is far too large for it.
+        Raises a `CellSizeError` if the resolution is impossible, or a map is far too large for it.
         """
         target, source = pair
         resolution = comparison_resolution([self._grids[target], self._grids[source]], self._config)
@@ -99,10 +96,7 @@ class PreparedMaps:
 def prepared_by_name(name: str, grid: TbmGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:
     """Prepare a map as `merging.rigid_alignment.prepared`; an error names the map.
 
-    Raises
-    ------
-    CellSizeError
-        If the map is far too large for the resolution.
+    Raises a `CellSizeError` if the map is far too large for the resolution.
     """
     try:
         return prepared(grid, resolution, config)

@@ -52,12 +52,8 @@ class PriorPoses:
 def place_by_priors(maps: Mapping[str, TbmMap], config: MergeConfig) -> PriorPoses:
     """Place the maps of `MergeConfig.known_poses`, each relative to one of the maps before it.
 
-    Raises
-    ------
-    ValueError
-        If a pose is given for an unknown map, or for the first one.
-    KnownPoseError
-        If a map is so far from the others that the merged map would have too many cells.
+    Raises a `ValueError` if a pose is given for an unknown map, or for the first one, and a `KnownPoseError` if a map
+    is so far from the others that the merged map would have too many cells.
     """
     first = next(iter(maps))
     for name in config.known_poses:

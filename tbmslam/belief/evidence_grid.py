@@ -29,10 +29,7 @@ class GridTooLargeError(TbmSlamError):
 def check_size(rows: int, cols: int, resolution: float, max_cells: int) -> None:
     """Refuse a grid of more than `max_cells` cells.
 
-    Raises
-    ------
-    GridTooLargeError
-        The grid has more cells.
+    Raises a `GridTooLargeError` if the grid has more cells.
     """
     if rows * cols > max_cells:
         raise GridTooLargeError(
@@ -80,10 +77,7 @@ class EvidenceGrid:
     def grow_to_contain(self, points: FloatArray) -> None:
         """Grow until points (N, 2) [m] are inside, with a margin of a cell.
 
-        Raises
-        ------
-        GridTooLargeError
-            When the grid would pass `max_cells`; it is left as it was.
+        Raises a `GridTooLargeError` if the grid would exceed `max_cells`; it is left as it was.
         """
         if len(points) == 0:
             return

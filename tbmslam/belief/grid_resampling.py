@@ -88,10 +88,7 @@ class PlacedGrid:
 def resample(grid: TbmGrid, T_target_source: SE2, geometry: GridGeometry) -> TbmGrid:
     """Resample a grid on the cells of another frame; see `PlacedGrid`.
 
-    Raises
-    ------
-    ValueError
-        If the transform or the geometry is not finite.
+    Raises a `ValueError` if the transform or the geometry is not finite.
     """
     return PlacedGrid(grid, T_target_source, geometry).drawn()
 

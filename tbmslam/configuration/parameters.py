@@ -39,10 +39,7 @@ def changed(config: Config, changes: Mapping[str, object], source: str = "config
 def parse_setting(text: str) -> dict[str, object]:
     """Return the change of a text like ``map.resolution=0.1``, with a value of TOML or a bare word.
 
-    Raises
-    ------
-    ConfigError
-        The text has another form.
+    Raises a `ConfigError` if the text has another form.
     """
     path, equals, value_text = text.partition("=")
     keys = [key.strip() for key in path.split(".")]

@@ -132,9 +132,7 @@ def preset(name: str) -> SlamConfig:
 def config_from_dict(values: Mapping[str, object]) -> SlamConfig:
     """Read a configuration; other parameters keep their defaults, or those of the preset that it names.
 
-    Raises
-    ------
-    ConfigError
-        A key is unknown or a value is invalid. The message states the key and the most similar key.
+    Raises a `ConfigError` if a key is unknown or a value is invalid. The message states the key and the most similar
+    key.
     """
     return changed(preset(str(values.get("preset", "default"))), values)

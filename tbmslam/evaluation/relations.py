@@ -139,10 +139,7 @@ class RelationErrors:
 def read_relations(path: Path) -> Relations:
     """Read lines ``t1 t2 x y z roll pitch yaw``; ``#`` begins a comment.
 
-    Raises
-    ------
-    RelationsError
-        The file cannot be read or has other columns.
+    Raises a `RelationsError` if the file cannot be read or has other columns.
     """
     if why := why_unreadable(path):
         raise RelationsError(f"{path}: {why}: give a file of relations")

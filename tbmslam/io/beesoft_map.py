@@ -30,10 +30,7 @@ _HEAD_BYTES, _BYTES_A_CELL = 1 << 16, 16
 def read_beesoft_map(path: str | os.PathLike[str]) -> TbmGrid:
     """Read a building map; cell (0, 0) has its corner at the origin.
 
-    Raises
-    ------
-    MapFileError
-        The file is missing, cut off, damaged, or of another format.
+    Raises a `MapFileError` if the file is missing, cut off, damaged, or of another format.
     """
     path = Path(path)
     text = _text(path)

@@ -34,14 +34,8 @@ def require_rasterio() -> None:
 def write_geotiff(path: str | os.PathLike[str], grid: TbmGrid) -> None:
     """Write a grid atomically: five bands of float32, see `BANDS`; coordinates are metres in its frame.
 
-    The frame lies nowhere on Earth, so the coordinate system is a local one.
-
-    Raises
-    ------
-    GeoTiffError
-        If rasterio, which writes it, is not installed.
-    FileNotWrittenError
-        If the file cannot be written.
+    The frame lies nowhere on Earth, so the coordinate system is a local one. Raises a `GeoTiffError` if rasterio, which
+    writes it, is not installed, and a `FileNotWrittenError` if the file cannot be written.
     """
     require_rasterio()
     import rasterio  # noqa: PLC0415
@@ -79,12 +73,8 @@ def write_geotiff(path: str | os.PathLike[str], grid: TbmGrid) -> None:
 def read_geotiff(path: str | os.PathLike[str]) -> TbmGrid:
     """Read a grid that `write_geotiff` wrote.
 
-    Raises
-    ------
-    GeoTiffError
-        If rasterio, which reads it, is not installed.
-    MapFileError
-        If it is no such file, or damaged.
+    Raises a `GeoTiffError` if rasterio, which reads it, is not installed, and a `MapFileError` if it is no such file,
+    or damaged.
     """
     require_rasterio()
     import rasterio  # noqa: PLC0415

@@ -103,10 +103,7 @@ def _write_masses(stream: IO[bytes], grid: TbmGrid) -> None:
 class ArrayZip:
     """A file of named arrays, opened for reading.
 
-    Raises
-    ------
-    NpzError
-        The file cannot be read or is no zip.
+    Raises an `NpzError` if the file cannot be read or is no zip.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -228,10 +225,7 @@ _KEYFRAME_NAMES = tuple(field.name for field in dataclasses.fields(Keyframes))
 def write_map_file(path: str | os.PathLike[str], tbm_map: TbmMap, make_way: Callable[[], object] | None = None) -> None:
     """Write a map atomically; see `tbmslam.io.atomic_file.replacing`.
 
-    Raises
-    ------
-    ValueError
-        If the masses are no beliefs or the provenance is not JSON.
+    Raises a `ValueError` if the masses are no beliefs or the provenance is not JSON.
     """
     if (fault := tbm_map.grid.fault()) is not None:
         raise ValueError(f"tbm_map must hold beliefs: {fault}")
@@ -268,10 +262,7 @@ def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array | TbmGrid]:
 def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
     """Read a map. All contents are checked, and none is executed.
 
-    Raises
-    ------
-    MapFileError
-        The file is no map of this format, damaged, or of a newer version.
+    Raises a `MapFileError` if the file is no map of this format, damaged, or of a newer version.
     """
     try:
         check_file(path)

@@ -51,10 +51,7 @@ class RosMapHeader:
 def read_ros_map_header(path: Path) -> RosMapHeader:
     """Read the yaml file of a map.
 
-    Raises
-    ------
-    MapFileError
-        The file cannot be read, lacks a key, or has an invalid value.
+    Raises a `MapFileError` if the file cannot be read, lacks a key, or has an invalid value.
     """
     values = _parse(path)
     needed = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # as in map_server
@@ -178,14 +175,10 @@ def ros_pixels(grid: TbmGrid) -> npt.NDArray[np.uint8]:
 def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     """Read a map of map_server or nav2 as beliefs; a rotated map is resampled along the axes.
 
-    `tbmslam.belief.grid` defines the masses of an occupancy: full occupancy keeps 0.1 unknown. Cells that
-    a map saver wrote as unknown stay unknown, whatever its `free_thresh`; there is a warning about this, and
-    another of a map without any unknown cell.
-
-    Raises
-    ------
-    MapFileError
-        The yaml or its picture is missing, damaged, too large, or has an invalid value.
+    `tbmslam.belief.grid` defines the masses of an occupancy: full occupancy keeps 0.1 unknown. Cells that a map saver
+    wrote as unknown stay unknown, whatever its `free_thresh`; there is a warning about this, and another of a map
+    without any unknown cell. Raises a `MapFileError` if the yaml or its picture is missing, damaged, too large, or has
+    an invalid value.
     """
     header = read_ros_map_header(Path(path))
     image = read_image(header.image)

@@ -41,12 +41,8 @@ _LZ4_MAGIC = b"\x04\x22\x4d\x18"
 def read_tbm_dump(path: str | os.PathLike[str]) -> TbmGrid:
     """Read a dump of either layout, distinguished by content; it may be compressed by xz.
 
-    The probability and quality of a cell follow from its masses and are left out.
-
-    Raises
-    ------
-    MapFileError
-        The file is missing, cut off, damaged, or holds impossible numbers.
+    The probability and quality of a cell follow from its masses and are left out. Raises a `MapFileError` if the file
+    is missing, cut off, damaged, or holds impossible numbers.
     """
     geometry, body = _unpacked(Path(path))
     cell = _SLAM_CELL if len(body) == geometry.rows * geometry.cols * _SLAM_CELL.itemsize else _MERGING_CELL
@@ -69,14 +65,8 @@ def write_tbm_dump(path: str | os.PathLike[str], grid: TbmGrid, layout: Layout =
     """Write a grid atomically in the format of the original programs.
 
     The format knows origins in whole cells only. A grid whose origin lies between two goes to the nearer one, half a
-    cell away at most; the grids of `tbmslam.slam` lie on whole cells.
-
-    Raises
-    ------
-    ValueError
-        If the layout is unknown, or the origin is too far away for the format's 32 bits.
-    FileNotWrittenError
-        If the file cannot be written.
+    cell away at most; the grids of `tbmslam.slam` lie on whole cells. Raises a `ValueError` if the layout is unknown,
+    or the origin is too far away for the format's 32 bits, and a `FileNotWrittenError` if the file cannot be written.
     """
     if layout not in ("slam", "merging"):
         raise ValueError(f"layout must be 'slam' or 'merging', got {layout!r}")

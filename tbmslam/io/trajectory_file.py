@@ -35,10 +35,7 @@ def write_tum(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
 def read_tum(path: str | os.PathLike[str]) -> Trajectory:
     """Read a trajectory; height, roll and pitch are left out. Empty lines and lines that begin with ``#`` are skipped.
 
-    Raises
-    ------
-    TumError
-        The file cannot be read or a line is not a pose.
+    Raises a `TumError` if the file cannot be read or a line is not a pose.
     """
     numbered = pose_lines(Path(path))
     if not numbered:
@@ -113,12 +110,8 @@ def read_reference(path: str | os.PathLike[str]) -> ReferenceTrajectory:
     """Read a true trajectory of either format, distinguished by the first line.
 
     The Stata Center's truth (M. Fallon et al., IJRR 2013) has lines `t, x, y, theta`: whole microseconds, metres,
-    radians, of the laser. A TUM file is of the robot.
-
-    Raises
-    ------
-    TumError
-        The file cannot be read or a line is not a pose.
+    radians, of the laser. A TUM file is of the robot. Raises a `TumError` if the file cannot be read or a line is not a
+    pose.
     """
     numbered = pose_lines(Path(path))
     if not numbered or "," not in numbered[0][1]:

@@ -46,10 +46,7 @@ class MapEdit:
     def applied(self, tbm_map: TbmMap) -> TbmMap:
         """Return a map with this change.
 
-        Raises
-        ------
-        ValueError
-            If what is cropped to holds no cell.
+        Raises a `ValueError` if the part holds no cell.
         """
         if self.kind == "rotate":
             return tbm_map.rotate(math.radians(self.values[0]))

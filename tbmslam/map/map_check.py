@@ -63,10 +63,7 @@ class MapFileError(TbmSlamError):
 def check_file(path: str | os.PathLike[str]) -> None:
     """Check a path before it is opened, since reading a device or a pipe may never end.
 
-    Raises
-    ------
-    MapFileError
-        It is a device, a pipe or an empty file. Missing files pass.
+    Raises a `MapFileError` if it is a device, a pipe or an empty file. Missing files pass.
     """
     if why := why_unreadable(Path(path)):
         raise MapFileError(f"{path}: {why}: give a map's folder or file")
@@ -75,11 +72,8 @@ def check_file(path: str | os.PathLike[str]) -> None:
 def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None:
     """Check numbers that a file declares, before memory is allocated.
 
-    Raises
-    ------
-    MapFileError
-        If the resolution is not that of a building's map, a number is not finite or too large, or there are no cells or
-        too many.
+    Raises a `MapFileError` if the resolution is not that of a building's map, a number is not finite or too large, or
+    there are no cells or too many.
     """
     if not (np.isfinite(geometry.resolution) and geometry.resolution > 0.0):
         raise MapFileError(f"{path}: the resolution must be positive, got {geometry.resolution}: correct it")
@@ -104,10 +98,7 @@ def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None
 def check_size(path: str | os.PathLike[str], rows: int, cols: int) -> None:
     """Check a size that a file declares.
 
-    Raises
-    ------
-    MapFileError
-        There are no cells, or too many for a plausible map or for this machine.
+    Raises a `MapFileError` if there are no cells, or too many for a plausible map or for this machine.
     """
     if rows < 1 or cols < 1:
         raise MapFileError(f"{path}: a map of {rows} x {cols} cells is empty: make it again")

@@ -45,10 +45,7 @@ class MapImage:
 def read_image(path: Path) -> MapImage:
     """Read a picture: PGM of any depth, or what OpenCV reads (PNG, BMP, TIFF and more).
 
-    Raises
-    ------
-    MapFileError
-        The file is missing, damaged, too large, or not a picture of 8 or 16 bits.
+    Raises a `MapFileError` if the file is missing, damaged, too large, or not a picture of 8 or 16 bits.
     """
     if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
         raise MapFileError(f"{path}: the map's image {why}: name a picture")

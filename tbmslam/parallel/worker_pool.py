@@ -86,10 +86,7 @@ class WorkerPool(ProcessPoolExecutor):
     def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
         """Submit work to a process; a new process inherits the blocked signals.
 
-        Raises
-        ------
-        KeyboardInterrupt
-            Ctrl-C came before there was a process to stop.
+        Raises a `KeyboardInterrupt` if Ctrl-C came before there was a process to stop.
         """
         with interrupts_held():
             self._interrupt.give_way()
@@ -98,12 +95,7 @@ class WorkerPool(ProcessPoolExecutor):
     def result(self, future: Future[_R]) -> _R:
         """Wait for submitted work, and return its result or raise its error.
 
-        Raises
-        ------
-        WorkerDiedError
-            A process died.
-        KeyboardInterrupt
-            Ctrl-C stopped them.
+        Raises a `WorkerDiedError` if a process died, and a `KeyboardInterrupt` if Ctrl-C stopped them.
         """
         try:
             return future.result()

@@ -74,10 +74,7 @@ class RerunViewer:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         """Flush the stream to the viewer or the file.
 
-        Raises
-        ------
-        ViewerError
-            If the file is not complete. A viewer that was closed causes only a warning.
+        Raises a `ViewerError` if the file is not complete. A viewer that was closed causes only a warning.
         """
         try:
             self._stream.flush(timeout_sec=_PATIENCE_S)

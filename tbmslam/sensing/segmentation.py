@@ -72,10 +72,7 @@ def split_by_time(itinerary: Itinerary, robots: int, overlap: float) -> list[Seg
 def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
     """Begin a new robot after each gap of more than `gap_s` seconds.
 
-    Raises
-    ------
-    SegmentationError
-        Most readings would be a robot of their own.
+    Raises a `SegmentationError` if most readings would each be a robot.
     """
     if not gap_s > 0.0:
         raise ValueError(f"gap_s must be positive, got {gap_s}")
@@ -92,10 +89,7 @@ def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
 def split_at_intervals(itinerary: Itinerary, intervals: Sequence[tuple[float, float]]) -> list[Segment]:
     """Assign an interval of time to each robot, in seconds since the first reading; intervals may overlap.
 
-    Raises
-    ------
-    SegmentationError
-        An interval has no reading.
+    Raises a `SegmentationError` if an interval has no reading.
     """
     since = itinerary.stamps - itinerary.stamps[:1]
     segments = []

@@ -14,13 +14,9 @@ def compose_chain(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the motions (M - 1, 3) from each node to the next and their covariances (M - 1, 3, 3).
 
-    Parameters
-    ----------
-    motions, covariances
-        Motions (N, 3) between consecutive poses, and their covariances (N, 3, 3) in the frame at the end.
-    nodes
-        Rising indices (M,) of poses. The covariances of the steps between two nodes are transformed to the end and
-        summed (first order; Sola et al., eq. 54).
+    `nodes` (M,) are rising indices of poses. The motions (N, 3) between consecutive poses have covariances (N, 3, 3) in
+    the frame at the end. The covariances between two nodes are transformed to the end and summed (first order; Sola et
+    al., eq. 54).
     """
     composed, summed = np.zeros((len(nodes) - 1, 3)), np.zeros((len(nodes) - 1, 3, 3))
     adjoint, carried = np.zeros((3, 3)), np.empty((3, 3))

@@ -101,12 +101,8 @@ def conjugate_gradients(
 ) -> FloatArray:
     """Return the changes (N, 3) of the poses for a right-hand side (N, 3).
 
-    Preconditioned conjugate gradients (Saad, "Iterative methods for sparse linear systems", 2003, algorithm 9.1).
-
-    Parameters
-    ----------
-    precision
-        Largest ratio of the norms of the residual and of the right-hand side.
+    Preconditioned conjugate gradients (Saad, "Iterative methods for sparse linear systems", 2003, algorithm 9.1), until
+    the ratio of the norms of the residual and of the right-hand side is below `precision`.
     """
     changes, left = np.zeros_like(gradient), gradient.copy()
     enough = precision**2 * _product(gradient, gradient)

@@ -131,16 +131,7 @@ def gather_hits(
 def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) -> tuple[Sightings, Pieces]:
     """Group hits with known normals into pieces, numbered in the order of their first hits.
 
-    Parameters
-    ----------
-    hits
-        Hits of stretches.
-    every
-        Only every n-th hit of a stretch is used.
-    poses
-        Poses (N, 3) of the stretches, headings in [-pi, pi].
-    raster
-        The cells and directions of pieces.
+    Only every n-th hit of a stretch is used. The poses (N, 3) of the stretches have headings in [-pi, pi].
     """
     walls, begins, sectors = hits.walls, hits.wall_begins, raster.sectors
     size = (begins[-1] + hits.loose_begins[-1]) // every + 2 * len(poses)  # the rest of each stretch is rounded up
@@ -219,18 +210,8 @@ def join_walls(
 ) -> Sightings:
     """Add each hit without normal to a sighting if it can lie on exactly one line of its cell.
 
-    That line must face the observer, and the hit must lie within the known length of the line.
-
-    Parameters
-    ----------
-    hits, every, poses, raster
-        As of `see_walls`.
-    seen, known
-        The result of `see_walls`.
-    lines
-        The lines (L, 5) of the pieces, see `lines_by_cell`.
-    reach
-        Largest distance of a hit from a line [m].
+    That line must face the observer, and the hit must lie within `reach` of the line [m] and within its known length.
+    `seen` and `known` are the result of `see_walls`; for the lines (L, 5) of the pieces see `lines_by_cell`.
     """
     loose, begins = hits.loose, hits.loose_begins
     count, pieces_met, moments, seers, pieces = seen
@@ -265,16 +246,10 @@ def join_walls(
 
 @kernel
 def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[FloatArray, IntArray, IntArray]:
-    """Return moments (O, 6) and observers (O,) of sightings, sorted by piece, and the first index of each piece.
+    """Return moments (O, 6) and observers (O,) of sightings, sorted by piece, and the first index (L + 1,) of each.
 
-    Parameters
-    ----------
-    seen
-        The sightings.
-    numbers
-        New numbers of the pieces; pieces with negative numbers are left out.
-    count
-        Number L of new numbers. The first indices (L + 1,) include the end of the last piece.
+    `numbers` are the new numbers of the pieces, L in all; pieces with negative numbers are left out. The first indices
+    include the end of the last piece.
     """
     begins = np.zeros(count + 1, dtype=np.int64)
     for o in range(seen.size):

@@ -182,12 +182,8 @@ def write_cells(
 ) -> int:
     """Combine evidence into lattice cells (M, 2), all within the grid; return the number of free tiles left.
 
-    Parameters
-    ----------
-    references
-        Number (N,) of grids that use each tile of the pool; is updated.
-    free, free_count
-        A sufficient number of unused tiles; the last are taken first.
+    `references` (N,) are the numbers of grids that use each tile of the pool, and are updated. The last of the first
+    `free_count` tiles in `free` are taken first; there must be enough.
     """
     for i in range(len(cells)):
         row, col = cells[i, 0], cells[i, 1]

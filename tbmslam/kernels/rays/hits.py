@@ -26,10 +26,7 @@ def hit_points(
 ) -> FloatArray:
     """Return the end points (M, 2) [m] of the finite ranges (N,) up to `max_range`, in the order of the beams.
 
-    Parameters
-    ----------
-    beam_step
-        Motion of the laser from one beam to the next; the points are those of its frame at the first beam.
+    `beam_step` is the motion of the laser from one beam to the next. The points are in its frame at the first beam.
     """
     points = np.empty((len(ranges), 2))
     return points[: _write_points(ranges, angle_min, angle_increment, beam_step, max_range, points)]

@@ -167,16 +167,7 @@ def insert_beams(
     """Combine the evidence of beams into `ratios` (rows, cols, 2), which must contain all of them.
 
     Every beam updates each of its cells once: the end cell of a hit as hit, all other cells as passed. Passed cells
-    near a hit are blurred.
-
-    Parameters
-    ----------
-    starts
-        Origins of the beams (N, 2) [m], or (1, 2) for all beams.
-    ends
-        End points of the beams (N, 2) [m].
-    is_hit
-        Whether each beam (N,) is a hit.
+    near a hit are blurred. The beams have origins (N, 2) [m], or (1, 2) for all beams, and end points (N, 2) [m].
     """
     resolution, first_row, first_col = lattice
     cells = np.empty((ratios.shape[0] + ratios.shape[1] + 2, 2), dtype=np.int64)

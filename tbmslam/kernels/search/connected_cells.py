@@ -9,12 +9,8 @@ from tbmslam.kernels import IntArray, kernel
 def components_of(cells: IntArray, reach: int) -> IntArray:
     """Return the component (N,) of each cell, numbered from 0 in the order of their first cells.
 
-    Two cells are connected if their rows and their columns differ by at most ``reach``.
-
-    Parameters
-    ----------
-    cells
-        Rows and columns (N, 2), not negative, unique, sorted by row and then by column.
+    Two cells are connected if their rows and their columns differ by at most ``reach``. The rows and columns (N, 2) are
+    not negative, unique, and sorted by row and then by column.
     """
     count = len(cells)
     number = np.empty(count, dtype=np.int64)

@@ -9,14 +9,8 @@ from tbmslam.kernels import FloatArray, IntArray, kernel
 def distinct_places(poses: FloatArray, ranked: IntArray, apart_m: float, apart_rad: float, kept: IntArray) -> int:
     """Write the indices of the best poses that have no better pose nearby into ``kept`` (K,); return their number.
 
-    Poses nearer to each other than both limits count as one pose.
-
-    Parameters
-    ----------
-    poses
-        Poses (N, 3) [m, m, rad].
-    ranked
-        Indices (N,) of the poses, best first.
+    The indices ``ranked`` (N,) of the poses (N, 3) [m, m, rad] are ordered, best first. Poses nearer to each other than
+    both limits count as one pose.
     """
     found = 0
     for index in ranked:

@@ -19,18 +19,9 @@ def blocks_for(reach: int) -> int:
 def add_window(
     sums: npt.NDArray[np.integer], cells: npt.NDArray[np.integer], first: int, stride: int, rows: int, cols: int
 ) -> None:
-    """Add a window of cells to sums (rows * cols,).
+    """Add a window of (rows, cols) of ``cells``, which are stored row by row, to sums (rows * cols,).
 
-    Parameters
-    ----------
-    cells
-        All cells, row by row.
-    first
-        Index of the cell in the lowest corner of the window.
-    stride
-        Number of cells in a row of `cells`.
-    rows, cols
-        Size of the window.
+    ``first`` is the index of the cell in the lowest corner of the window, and ``stride`` the number of cells in a row.
     """
     # Unsigned indices need no check for negative values, so the loop is vectorised.
     there, here = np.uint64(first), np.uint64(0)

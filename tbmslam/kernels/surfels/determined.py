@@ -46,14 +46,8 @@ def prior_information(
 ) -> npt.NDArray[np.float64]:
     """Return the prior information (3, 3) of the laser's pose in the map's frame.
 
-    Parameters
-    ----------
-    deviations
-        Standard deviations of the robot's pose along, across [m] and in heading [rad].
-    heading
-        Heading of the robot in the map [rad].
-    mount
-        Pose of the laser on the robot.
+    `deviations` are those of the robot's pose along, across [m] and in heading [rad], `heading` is that of the robot in
+    the map [rad], and `mount` the pose of the laser on the robot.
     """
     cosine, sine = math.cos(heading), math.sin(heading)
     along, across, turn = deviations[0] ** -2.0, deviations[1] ** -2.0, deviations[2] ** -2.0
