@@ -63,12 +63,9 @@ def parser(program: str = "build_maps") -> argparse.ArgumentParser:
     add_viewer_option(grammar)
     truth = grammar.add_argument_group("truth, for evaluation only")
     truth.add_argument(
-        "--reference",
-        type=path_argument,
-        nargs="+",
-        metavar="TUM",
+        "--reference", type=path_argument, nargs="+", metavar="TUM",
         help="true trajectory of each recording, in one frame; without them the whole drive is mapped as the reference",
-    )
+    )  # fmt: skip
     truth.add_argument("--no-truth", action="store_true", help="write no truth.json")
     add_recording_options(grammar)
     return grammar
@@ -80,32 +77,19 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
     )
     robots.add_argument("--robots", type=int, default=1, metavar="N", help="split the drive into N robots (1)")
     robots.add_argument(
-        "--split",
-        choices=("distance", "time", "gaps"),
-        default="distance",
-        help="split by distance, time or gaps (see --gap) (distance)",
+        "--split", choices=("distance", "time", "gaps"), default="distance", help="gaps: see --gap (distance)"
     )
     robots.add_argument(
-        "--overlap",
-        type=float,
-        default=0.3,
-        metavar="F",
-        help="share of the path that neighbouring robots have in common (0.3)",
+        "--overlap", type=float, default=0.3, metavar="F", help="common share of neighbours' paths (0.3)"
     )
     robots.add_argument(
-        "--interval",
-        nargs=2,
-        type=float,
-        action="append",
-        metavar=("BEGIN", "END"),
+        "--interval", nargs=2, type=float, action="append", metavar=("BEGIN", "END"),
         help="interval of a robot, in seconds since the start; repeat for more robots",
-    )
+    )  # fmt: skip
     robots.add_argument(
-        "--frames",
-        choices=("private", "odometry"),
-        default="private",
+        "--frames", choices=("private", "odometry"), default="private",
         help="a random frame for each robot, or that of the odometry (private)",
-    )
+    )  # fmt: skip
     robots.add_argument(
         "--seed", type=int, help="seed of the private frames and of random matchers (the configuration's)"
     )

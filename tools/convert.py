@@ -43,10 +43,6 @@ _WRITTEN = ("", ".npz", ".yaml", ".yml", ".png", ".tif", ".tiff", ".bag", ".mcap
 _PICTURES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg")
 
 
-class ConversionError(TbmSlamError):
-    """A map cannot be converted."""
-
-
 def parser(program: str = "convert") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
@@ -70,7 +66,7 @@ def main(argv: list[str] | None = None, program: str = "convert") -> int:
 def _run(args: argparse.Namespace) -> None:
     check_exist([args.map], "does not exist: give a map's folder or file")
     if args.out.exists() and args.out.samefile(args.map):
-        raise ConversionError(f"{args.out}: is the map itself: choose another name")
+        raise TbmSlamError(f"{args.out}: is the map itself: choose another name")
     ending = _format_of(args.out)
     tbm_map = _read(args.map, args.resolution, tuple(args.origin))
     _write(args.out, ending, tbm_map)
@@ -85,10 +81,10 @@ def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> 
     ending = path.suffix.lower()
     if ending in _PICTURES and not path.is_dir():
         if resolution is None:
-            raise ConversionError(f"{path}: a picture holds no size of its pixels: pass --resolution")
+            raise TbmSlamError(f"{path}: a picture holds no size of its pixels: pass --resolution")
         return TbmMap.from_image(path, resolution, origin)
     if resolution is not None:
-        raise ConversionError(f"{path}: is not a picture and holds the size of its cells: drop --resolution")
+        raise TbmSlamError(f"{path}: is not a picture and holds the size of its cells: drop --resolution")
     if ending in (".tif", ".tiff"):
         from tbmslam.io.geotiff import read_geotiff
 
@@ -104,9 +100,7 @@ def _format_of(out: Path) -> str:
     """Return the suffix that chooses the format of an output; empty for a folder."""
     ending = "" if out.is_dir() else out.suffix.lower()
     if ending not in _WRITTEN:
-        raise ConversionError(
-            f"{out}: no format has the suffix {ending}: choose of {', '.join(filter(None, _WRITTEN))}"
-        )
+        raise TbmSlamError(f"{out}: no format has the suffix {ending}: choose of {', '.join(filter(None, _WRITTEN))}")
     return ending
 
 
@@ -143,7 +137,7 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     elif any(len(drive.keyframes) for drive in tbm_map.drives):
         write_g2o(out, tbm_map.drives)
     else:
-        raise ConversionError(f"{out}: the map has no keyframes to write: give a map that build_maps or merge wrote")
+        raise TbmSlamError(f"{out}: the map has no keyframes to write: give a map that build_maps or merge wrote")
 
 
 if __name__ == "__main__":

@@ -36,10 +36,6 @@ EDITS, KEEPOUT, _ALIGN = "edits.toml", "keepout", "align-axes"
 _CORNERS = ("X0", "Y0", "X1", "Y1")
 
 
-class EditError(TbmSlamError):
-    """An edit of a map is impossible."""
-
-
 class _Append(argparse.Action):
     """Appends an option and its numbers to a common list in their order."""
 
@@ -97,7 +93,7 @@ def _run(args: argparse.Namespace) -> None:
     from tools.command_line.output_folder import output_folder, write_checksums
 
     if args.out.exists() and args.out.samefile(args.map):
-        raise EditError(f"{args.out}: is the folder of the map itself: choose another folder with -o")
+        raise TbmSlamError(f"{args.out}: is the folder of the map itself: choose another folder with -o")
     wanted = [*(_read_edits(args.edits) if args.edits else []), *(args.wanted or [])]
     tbm_map, mask, done = _applied(load_map(args.map), wanted)
     tbm_map = without_scans(tbm_map)
@@ -134,7 +130,7 @@ def _applied(
             if mask is not None and edit.kind in ("crop", "rotate"):
                 mask = edit.applied(mask)
         except ValueError as error:
-            raise EditError(f"--{kind}: {error}: correct it") from None
+            raise TbmSlamError(f"--{kind}: {error}: correct it") from None
         done.append((edit.kind, edit.values))
     return tbm_map, mask, done
 
@@ -147,9 +143,9 @@ def _read_edits(path: Path) -> list[tuple[str, tuple[float, ...]]]:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))["edit"]
         return [(str(table["kind"]), tuple(float(value) for value in table["values"])) for table in tables]
     except OSError as error:
-        raise EditError(f"{path}: cannot be read: {error.strerror}: name the {EDITS} of an edited map") from error
+        raise TbmSlamError(f"{path}: cannot be read: {error.strerror}: name the {EDITS} of an edited map") from error
     except (ValueError, KeyError, TypeError) as error:
-        raise EditError(f"{path}: holds no list of edits ({error}): name the {EDITS} of an edited map") from error
+        raise TbmSlamError(f"{path}: holds no list of edits ({error}): name the {EDITS} of an edited map") from error
 
 
 def _write_edits(path: Path, done: Sequence[tuple[str, Sequence[float]]]) -> None:

@@ -41,10 +41,6 @@ _MOST_TURN = math.radians(20.0)
 """Largest rotation of a map relative to the stated pose for --align."""
 
 
-class EvaluationError(TbmSlamError):
-    """Estimate and truth do not overlap."""
-
-
 def evaluate_trajectory(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate a trajectory as the arguments request; return the figures."""
     estimate = read_tum(args.estimate)
@@ -89,7 +85,7 @@ def _against_relations(args: argparse.Namespace, estimate: Trajectory) -> dict[s
     tolerance = 0.001 if args.max_stamp_difference is None else args.max_stamp_difference
     errors = relation_errors(read_relations(args.relations), estimate, tolerance)
     if not len(errors.translations_m):
-        raise EvaluationError(
+        raise TbmSlamError(
             f"{args.estimate}: none of the {errors.unmatched} relations of {args.relations} has poses at both of its "
             "stamps: check that both are of the same recording, or raise --max-stamp-difference"
         )
@@ -124,7 +120,7 @@ def evaluate_map(args: argparse.Namespace) -> dict[str, object]:
     true_labels = _labels_at(truth, grid.geometry, T_truth_map, args.min_evidence)
     agreement = map_agreement(labels, true_labels)
     if not agreement.known_both:
-        raise EvaluationError(
+        raise TbmSlamError(
             f"{args.map} and {args.truth} have no common known cell: set the pose of the map with --transform X Y DEG"
         )
     if args.picture:
@@ -149,9 +145,7 @@ def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, gu
     whole = truth if isinstance(truth, TbmGrid) else _grid_of(truth, grid.geometry.resolution)
     found = align(TbmMap(whole), TbmMap(grid), MergeConfig(method="correlation"))
     if found.T_target_source is None:
-        raise EvaluationError(
-            f"{args.map} cannot be aligned with {args.truth}: {found.reason}: pass --transform X Y DEG"
-        )
+        raise TbmSlamError(f"{args.map} cannot be aligned with {args.truth}: {found.reason}: pass --transform X Y DEG")
     middle = grid.geometry.centre_of(grid.geometry.rows / 2.0, grid.geometry.cols / 2.0)
     near, far = list[tuple[SE2, float]](), 0.0
     for hypothesis in found.hypotheses():
@@ -165,7 +159,7 @@ def _aligned(args: argparse.Namespace, grid: TbmGrid, truth: World | TbmGrid, gu
     confidence = probability / max(1.0 - far, probability, 1e-9)  # other poses are excluded
     if confidence < MergeConfig().verification.min_confidence:
         x, y, theta = found.T_target_source
-        raise EvaluationError(
+        raise TbmSlamError(
             f"{args.map}: its pose on {args.truth} within {args.align:g} m and {math.degrees(_MOST_TURN):g} "
             f"degrees of the stated pose is uncertain, confidence {confidence:.2f}; it fits best at "
             f"{x:.2f} {y:.2f} {math.degrees(theta):.1f}, confidence {found.confidence:.2f}: "
@@ -233,7 +227,7 @@ def _of_robot(
         drives = load_map(estimate.parent).drives
         if drives and len(drives[0].keyframes):
             return reference.of_robot(drives[0].keyframes.mounting())
-    raise EvaluationError(
+    raise TbmSlamError(
         f"{path} is of the laser, and no map with keyframes lies beside {estimate} to say where that is mounted: pass "
         "--sensor-pose X Y DEG"
     )
@@ -249,7 +243,7 @@ def _load_truth(path: Path) -> World | TbmGrid:
         try:
             return load_map(path).grid
         except MapFileError as error:
-            raise EvaluationError(f"{error}; and {no_world}") from None
+            raise TbmSlamError(f"{error}; and {no_world}") from None
     return load_map(path).grid
 
 

@@ -171,25 +171,17 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
         "others are methods of related work for comparison, each with its own acceptance rule",
     )
     finding.add_argument(
-        "--pose",
-        nargs=4,
-        action="append",
-        default=[],
-        metavar=("NAME", "X", "Y", "DEG"),
+        "--pose", nargs=4, action="append", default=[], metavar=("NAME", "X", "Y", "DEG"),
         help="pose of a map, by its name in the report, in the first map's frame, known to a metre and ten degrees; "
         "the map is placed there and refined locally; may be repeated",
-    )
+    )  # fmt: skip
     finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
     finding.add_argument("--workers", type=int, default=1, metavar="N", help="processes that align pairs, default: 1")
     finding.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="address of a Dask scheduler that aligns the pairs, e.g. tcp://10.0.0.1:8786",
+        "--scheduler", metavar="ADDRESS", help="Dask scheduler that aligns the pairs, e.g. tcp://10.0.0.1:8786"
     )
     finding.add_argument(
-        "--rigid",
-        action="store_true",
-        help="only rigid transforms: deform no map, and do not optimise the drives together",
+        "--rigid", action="store_true", help="only rigid transforms: no deformed maps and no joint optimisation"
     )
 
 
@@ -203,13 +195,9 @@ def _add_fusing(fusing: argparse._ArgumentGroup) -> None:
         "--coverage", choices=COVERAGES, help="keep what any robot saw (union, default) or only what all saw (overlap)"
     )
     fusing.add_argument(
-        "--reliability",
-        type=_reliability,
-        action="append",
-        default=[],
-        metavar="NAME=R",
+        "--reliability", type=_reliability, action="append", default=[], metavar="NAME=R",
         help="reliability of a map, by its name in the report, between 0 and 1; may be repeated",
-    )
+    )  # fmt: skip
     fusing.add_argument(
         "--resolution", type=float, metavar="M", help="cell size of the merged map, default: the first's"
     )

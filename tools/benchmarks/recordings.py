@@ -75,10 +75,6 @@ IGNORED = "ignored"
 """The kind of odometry that the bag holds but the SLAM ignores."""
 
 
-class SimulationError(TbmSlamError):
-    """A world could not be simulated."""
-
-
 @dataclass(frozen=True)
 class SimulatedRecording:
     """A simulated drive."""
@@ -120,17 +116,13 @@ class SimulatedRecording:
         with contextlib.redirect_stdout(sys.stderr):
             code = make_world.main([*words, *as_words(list(self.settings))])
         if code:
-            raise SimulationError(f"{self} could not be simulated: see the message above")
+            raise TbmSlamError(f"{self} could not be simulated: see the message above")
         option = ",odometry=none" if self.odometry == IGNORED else ""
         return parse_recording_spec(f"{folder / 'robot_0.bag'}{option}")
 
 
 _SAME_SCAN_S = 1e-3
 _SAME_POSE_S = 0.01
-
-
-class NoTruthError(TbmSlamError):
-    """A recording has no truth beside it."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +159,7 @@ def truth_beside(recording: Path) -> Path:
     for suffix in (".relations", ".truth.tum"):
         if (path := beside(recording, suffix)) is not None:
             return path
-    raise NoTruthError(f"{recording}: has no .relations and no .truth.tum beside it, so it cannot be scored: add one")
+    raise TbmSlamError(f"{recording}: has no .relations and no .truth.tum beside it, so it cannot be scored: add one")
 
 
 def drive_errors(truth: Path, estimate: Trajectory, scans: FloatArray) -> DriveErrors:

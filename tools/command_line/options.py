@@ -41,38 +41,23 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     scans = parser.add_argument_group("scans")
     scans.add_argument("--profile", choices=("auto", "stata"), help="known kind of recording (auto)")
     scans.add_argument(
-        "--scan-topic",
-        action="append",
-        metavar="[RECORDING=]TOPIC",
+        "--scan-topic", action="append", metavar="[RECORDING=]TOPIC",
         help="topic of the scans, of all recordings or of one, as in monday=/scan; in a CARMEN log FLASER ..",
-    )
+    )  # fmt: skip
     scans.add_argument("--laser-frame", metavar="FRAME", help="frame of the laser (the laser with most usable scans)")
     scans.add_argument(
-        "--cloud-heights",
-        type=float,
-        nargs=2,
-        metavar=("LOW", "HIGH"),
-        help="slice of point clouds that becomes scans, above the robot's frame [m] (a band around the sensor)",
-    )
+        "--cloud-heights", type=float, nargs=2, metavar=("LOW", "HIGH"),
+        help="heights above the robot's frame between which point clouds become scans [m] (around the sensor)",
+    )  # fmt: skip
     scans.add_argument("--angle-step-deg", type=float, metavar="DEG", help="angle between beams (as stated)")
-    scans.add_argument("--range-min", type=float, metavar="M", help="shortest range that counts (as stated)")
+    scans.add_argument("--range-min", type=float, metavar="M", help="least valid range (as stated)")
+    scans.add_argument("--range-max", type=float, metavar="M", help="least range that means no return (as stated)")
+    scans.add_argument("--range-offset", type=float, metavar="M", help="offset added to every measured range (0)")
     scans.add_argument(
-        "--range-max", type=float, metavar="M", help="range from which on a beam counts as no return (as stated)"
+        "--no-return", choices=("free", "drop"), help="whether beams without return clear space (as in the preset)"
     )
     scans.add_argument(
-        "--range-offset", type=float, metavar="M", help="offset that is added to every measured range (0)"
-    )
-    scans.add_argument(
-        "--no-return",
-        choices=("free", "drop"),
-        help="a beam without a return clears its path up to the range limit, or is ignored (as in the preset)",
-    )
-    scans.add_argument(
-        "--no-return-code",
-        type=float,
-        action="append",
-        metavar="M",
-        help="a range that means no return; may be repeated",
+        "--no-return-code", type=float, action="append", metavar="M", help="range that means no return; repeatable"
     )
     scans.add_argument("--gap", type=float, metavar="S", help="longer pauses are counted as gaps (2)")
     _add_odometry_options(parser)
@@ -87,29 +72,21 @@ def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
         "--odometry-scale",
         type=float,
         metavar="F",
-        help="factor for the lengths of the odometry, 0.001 for millimetres (1)",
+        help="factor of the lengths of the odometry; 0.001: millimetres (1)",
     )
     odometry.add_argument("--tf-topic", action="append", metavar="TOPIC", help="topic of transforms; may be repeated")
     odometry.add_argument("--odom-frame", metavar="FRAME", help="frame of the odometry")
     odometry.add_argument("--robot-frame", metavar="FRAME", help="frame of the robot")
     odometry.add_argument(
-        "--sensor-pose",
-        type=float,
-        nargs=3,
-        metavar=("X", "Y", "DEG"),
-        help="pose of the laser on the robot [m, m, degrees] instead of the recorded one",
-    )
+        "--sensor-pose", type=float, nargs=3, metavar=("X", "Y", "DEG"),
+        help="pose of the laser on the robot [m, m, degrees] instead of the recorded pose",
+    )  # fmt: skip
     odometry.add_argument(
-        "--upside-down",
-        action=argparse.BooleanOptionalAction,
-        default=None,
+        "--upside-down", action=argparse.BooleanOptionalAction, default=None,
         help="the laser is mounted upside down, or is not, regardless of tf",
-    )
+    )  # fmt: skip
     odometry.add_argument(
-        "--clock-offset",
-        type=float,
-        metavar="S",
-        help="offset that is added to the stamp of a scan to find its odometry (detected)",
+        "--clock-offset", type=float, metavar="S", help="offset from stamps of scans to those of odometry (detected)"
     )
     odometry.add_argument(
         "--max-odometry-gap", type=float, metavar="S", help="longest gap over which odometry is interpolated (5)"
@@ -169,27 +146,17 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str, *, 
     """Add the options about parameters, in a group of their own."""
     group = parser.add_argument_group("parameters")
     group.add_argument(
-        "--preset",
-        help=(
-            "preset of the SLAM: default, viny, viny-hc, tiny, credibilist, particles or odometry; or paper: viny "
-            "for mapping, and merging exactly as in the paper"
-        ),
-    )
+        "--preset", help="preset of the SLAM: default, viny, viny-hc, tiny, credibilist, particles or odometry; or "
+        "paper: viny for mapping, and merging exactly as in the paper",
+    )  # fmt: skip
     group.add_argument(
-        "--config",
-        type=path_argument,
-        metavar="TOML",
-        help="parameters to change, as a file or a folder with the config.toml of an earlier result",
+        "--config", type=path_argument, metavar="TOML", help="changed parameters: a file, or the folder of a result"
     )
     group.add_argument(
         "--set", action="append", default=[], metavar="A.B=C", help=f"one parameter, e.g. {example}; may be repeated"
     )
     if printing:
-        group.add_argument(
-            "--print-config",
-            action="store_true",
-            help="print the parameters with meaning, unit and value as TOML, and do nothing else",
-        )
+        group.add_argument("--print-config", action="store_true", help="only print the parameters as TOML")
 
 
 LIVE = "live"
@@ -198,14 +165,10 @@ LIVE = "live"
 def add_viewer_option(grammar: argparse.ArgumentParser) -> None:
     """Add `--viewer`; its value is None, `LIVE`, or the name of a .rrd file."""
     grammar.add_argument(
-        "--viewer",
-        nargs="?",
-        const=LIVE,
-        type=_place,
-        metavar="FILE.rrd",
-        help="show scans, map, drive and loops in Rerun, live or in a file for `rerun FILE.rrd` "
-        "(needs the extra tbmslam[viewer]); give it after the recordings",
-    )
+        "--viewer", nargs="?", const=LIVE, type=_place, metavar="FILE.rrd",
+        help="show scans, map, drive and loops in Rerun, live or in a file for `rerun FILE.rrd` (needs the extra "
+        "tbmslam[viewer]); give it after the recordings",
+    )  # fmt: skip
 
 
 def _place(text: str) -> str:

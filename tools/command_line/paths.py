@@ -73,17 +73,13 @@ def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.
             write_occupancy_bag(bags[kind], tbm_map.grid, max(stamps, default=0.0), kind)
 
 
-class MissingFileError(TbmSlamError):
-    """A path of the command line does not exist."""
-
-
 def check_exist(paths: Iterable[Path], fact: str) -> None:
     """Check that files or folders exist, before libraries are loaded."""
     for path in paths:
         try:
             path.lstat()
         except (FileNotFoundError, NotADirectoryError):
-            raise MissingFileError(f"{path}: {fact}") from None
+            raise TbmSlamError(f"{path}: {fact}") from None
         except OSError:
             continue  # its reader reports other errors
 

@@ -20,21 +20,17 @@ _LEAST_MB = 2000
 take more. With less, libraries crash or hang."""
 
 
-class UnfitEnvironmentError(TbmSlamError):
-    """The program cannot run with the limits or variables of the shell."""
-
-
 def check_environment() -> None:
     """Refuse a limit on memory, or a number of threads, under which compiled code does not work."""
     limit = _memory_limit()
     if limit is not None and limit < _LEAST_MB * 10**6:
-        raise UnfitEnvironmentError(
+        raise TbmSlamError(
             f"memory is limited to {limit // 10**6} MB (ulimit -v), and compiled code takes up to {_LEAST_MB} MB: "
             "raise the limit to 2000000 kB or more"
         )
     threads = os.environ.get("NUMBA_NUM_THREADS")
     if threads is not None and not (threads.isascii() and threads.isdigit() and int(threads) > 0):
-        raise UnfitEnvironmentError(
+        raise TbmSlamError(
             f"NUMBA_NUM_THREADS is {threads!r}, not a number of threads: set it to 1 or more, or leave it unset"
         )
 

@@ -37,10 +37,6 @@ from tools.mapping.truth_file import GIVEN, NAME, OWN_MAP, read_truth_file
 logger = logging.getLogger(__name__)
 
 
-class MappingError(TbmSlamError):
-    """Some of several robots could not be mapped."""
-
-
 def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> Iterator[tuple[MappingTask, Mapped]]:
     """Map robots and yield their results in order.
 
@@ -62,7 +58,7 @@ def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> I
         names = ", ".join(failures)
         kept = ", the others are kept" if len(failures) < len(tasks) else ""
         first = next(iter(failures.values()))
-        raise MappingError(
+        raise TbmSlamError(
             f"{len(failures)} of {len(tasks)} robots failed ({names}){kept}; correct or omit their recordings and "
             f"run again; the first: {first}"
         )

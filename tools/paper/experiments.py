@@ -31,10 +31,6 @@ _FLOOR_SHARES = (0.6, 0.5, 0.4, 0.3, 0.2)
 """Shares of the canvas of two rotated maps for the floor; the first that fits is used."""
 
 
-class PaperMapsError(TbmSlamError):
-    """There are no maps for the experiments."""
-
-
 def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: int) -> list[Path]:
     """Simulate several drives of a robot through a building with options of make_world, and return the bags.
 
@@ -45,7 +41,7 @@ def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: i
         out = folder / f"drive_{drive}"
         code = make_world.main(["--seed", str(seed), "--drive-seed", str(seed + drive), "--out", str(out), *words])
         if code:
-            raise PaperMapsError("the building could not be simulated: see the message above")
+            raise TbmSlamError("the building could not be simulated: see the message above")
         bags.append(out / "robot_0.bag")
     return bags
 
@@ -54,7 +50,7 @@ def map_recordings(recordings: Sequence[Path], folder: Path, words: Sequence[str
     """Map recordings by build_maps with more of its options, and return the folder with the maps and their truth."""
     code = build_maps.main([*map(str, recordings), "-o", str(folder), *words])
     if code:
-        raise PaperMapsError("the recordings could not be mapped: see the message above")
+        raise TbmSlamError("the recordings could not be mapped: see the message above")
     return folder
 
 
@@ -77,7 +73,7 @@ def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
         if len(pairs) < most and pair.overlap() >= min_overlap:
             pairs.append(pair)
     if not pairs:
-        raise PaperMapsError(f"{folder}: no two of {len(poses)} maps share {min_overlap:.0%} of the smaller one")
+        raise TbmSlamError(f"{folder}: no two of {len(poses)} maps share {min_overlap:.0%} of the smaller one")
     return pairs
 
 
@@ -94,7 +90,7 @@ def pair_of_area(area_m2: float, resolution: float) -> MapPair:
         rows = round(area_m2 / (canvas.cols * resolution**2))
         if rows >= canvas.rows:
             return MapPair("a", "b", _on_canvas(target, canvas._replace(rows=rows)), source, motion)
-    raise PaperMapsError(f"two maps of a floor do not fit into {area_m2:g} m² with cells of {resolution:g} m")
+    raise TbmSlamError(f"two maps of a floor do not fit into {area_m2:g} m² with cells of {resolution:g} m")
 
 
 def _on_canvas(grid: TbmGrid, canvas: GridGeometry) -> TbmGrid:

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from datasets import RecordingOptions
+from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tools.benchmarks.recordings import (
-    NoTruthError,
     SimulatedRecording,
-    SimulationError,
     beside,
     drive_errors,
     parse_recording_spec,
@@ -45,7 +44,7 @@ def test_odometry_may_be_ignored(tmp_path, odometry, reads):
 
 def test_an_impossible_simulation_is_reported(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(SimulationError, match="office:1:good,beams=5 could not be simulated: see the message above"):
+    with pytest.raises(TbmSlamError, match="office:1:good,beams=5 could not be simulated: see the message above"):
         SimulatedRecording.parse("office:1:good,beams=5").write(tmp_path / "file")
 
 
@@ -109,7 +108,7 @@ def truth_file(folder, stamps):
 
 
 def test_the_truth_is_found_beside_the_recording(tmp_path):
-    with pytest.raises(NoTruthError, match=r"run\.bag: has no \.relations and no \.truth\.tum beside it"):
+    with pytest.raises(TbmSlamError, match=r"run\.bag: has no \.relations and no \.truth\.tum beside it"):
         truth_beside(tmp_path / "run.bag")
     truth = truth_file(tmp_path, [0, 1])
     assert truth_beside(tmp_path / "run.bag") == truth

@@ -48,7 +48,7 @@ def test_a_simulated_drive(tmp_path, capfd):
     assert f"| {' | '.join(seeds[:2])} |" in out
     assert [row[1] for row in written["drives"]["rows"]] == ["default"] * 2
     assert [len(written[name]["rows"]) for name in ("errors", "speeds")] == [1, 1]
-    assert "Warm-up:" in out
+    assert "A first run, which is not counted, fills" in out
     assert f"benchmark: {world} default" in err
     record = json.loads(path.read_text())
     assert record["machine"]["numba"]

@@ -41,7 +41,7 @@ def test_robots_are_matched_with_the_whole_drive_if_stamps_step_back():
     T_whole_merged = SE2(3.0, -2.0, 0.7)
     merged = driven(*(Trajectory(stamps[p], poses[p]).transformed(T_whole_merged.inverse()) for p in parts))
     assert laid_by_drives(driven(whole), merged) == pytest.approx(T_whole_merged, abs=1e-9)
-    with pytest.raises(MeasurementError, match="the merged map and that of the whole recording have no moment in"):
+    with pytest.raises(MeasurementError, match="the merged map and the map of the whole recording have no common"):
         laid_by_drives(driven(whole), driven(Trajectory(stamps + 100.0, poses)))
 
 

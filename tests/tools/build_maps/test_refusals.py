@@ -7,10 +7,10 @@ import pytest
 
 from datasets import DatasetError
 from tbmslam.configuration.slam_config import ConfigError
+from tbmslam.errors import TbmSlamError
 from tbmslam.io.trajectory_file import TumError
 from tbmslam.sensing.segmentation import SegmentationError
 from tests.tools.build_maps.built_maps import run
-from tools.command_line.paths import MissingFileError
 from tools.mapping.run import OutputError
 
 
@@ -66,7 +66,7 @@ def errors(bag, tmp_path):
     (tmp_path / "bad.tum").write_text("1 2 3\n")
     nowhere = tmp_path / "nowhere.bag"
     return {
-        "no such bag": ((nowhere,), MissingFileError, rf"{nowhere}: no such file or directory"),
+        "no such bag": ((nowhere,), TbmSlamError, rf"{nowhere}: no such file or directory"),
         "no such preset": ((bag, "--preset", "vinny"), ConfigError, "there is no preset 'vinny'.*did you mean 'viny'"),
         "no such file of parameters": ((bag, "--config", tmp_path / "no.toml"), ConfigError, "cannot be read as TOML"),
         "not TOML": ((bag, "--config", broken), ConfigError, r"broken\.toml: cannot be read as TOML: "),

@@ -17,7 +17,6 @@ from tools import evaluate, merge
 from tools.command_line.interruption import Interruption
 from tools.command_line.program import (
     ProgramParser,
-    UnfitEnvironmentError,
     check_environment,
     ended,
     loading,
@@ -58,7 +57,7 @@ def test_too_little_memory_is_one_line(program, limit, tmp_path):
 @pytest.mark.parametrize("threads", ["abc", "0", "-2", "1.5", "\u0663"])
 def test_a_number_of_threads_that_is_none_is_one_line(threads, monkeypatch, tmp_path):
     monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
-    with pytest.raises(UnfitEnvironmentError, match="not a number of threads: set it to 1 or more"):
+    with pytest.raises(TbmSlamError, match="not a number of threads: set it to 1 or more"):
         check_environment()
     if threads == "abc":
         code, said = said_by("merge", tmp_path)

@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from tbmslam.configuration.slam_config import SlamConfig
+from tbmslam.errors import TbmSlamError
 from tbmslam.parallel.executor import Executor
 from tests.end_to_end.programs import contents
 from tools import build_maps, make_world
 from tools.mapping import run as mapping_run
-from tools.mapping.run import MappingError, map_all
+from tools.mapping.run import map_all
 from tools.mapping.task import Mapped, MappingTask, Shelf
 
 
@@ -37,7 +38,7 @@ def test_a_worker_that_dies_costs_its_robot_only(monkeypatch):
         done.extend(task.name for task, made in map_all(tasks, Shelf(), Executor(2)) if made.run)
 
     said = r"^1 of 3 robots failed \(robot_1\), the others are kept.*; the first: a worker process died, .*--workers$"
-    with pytest.raises(MappingError, match=said):
+    with pytest.raises(TbmSlamError, match=said):
         work()
     assert done == ["robot_0", "robot_2"]
 

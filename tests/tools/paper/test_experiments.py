@@ -3,11 +3,12 @@ import json
 import pytest
 
 from merging.fusion import fuse, place
+from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
 from tools.mapping.truth_file import OWN_MAP
-from tools.paper.experiments import PaperMapsError, load_pairs, pair_of_area
+from tools.paper.experiments import load_pairs, pair_of_area
 
 
 def test_pairs_are_loaded_with_their_true_poses(tmp_path):
@@ -20,7 +21,7 @@ def test_pairs_are_loaded_with_their_true_poses(tmp_path):
     (pair,) = load_pairs(tmp_path, 10, 0.2)
     assert pair.name == "robot_0 - robot_1"
     assert pair.T_target_source == pytest.approx(cut.T_target_source)
-    with pytest.raises(PaperMapsError, match=r"no two of 2 maps share 100% of the smaller one"):
+    with pytest.raises(TbmSlamError, match=r"no two of 2 maps share 100% of the smaller one"):
         load_pairs(tmp_path, 10, 1.0)
 
 
