@@ -23,7 +23,7 @@ PROGRAMS = {
 
 USAGE = """usage: tbmslam [--help] [--version] COMMAND ...
 
-Recordings of several robots in, one trustworthy 2D map out.
+Turn laser recordings of several robots into one 2D map.
 
 commands:
 {commands}

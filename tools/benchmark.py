@@ -1,11 +1,11 @@
 """Measure speed, memory and errors of mapping and merging.
 
-`slam` maps recordings and simulated worlds with each preset, in a process each. `scaling` drives ever farther through a
-simulated building and measures the cost of a scan. `align` aligns pairs of maps with known relative poses, and checks
-the confidence. `merge` measures a merge by area, beside the paper's own program. `fleet` merges many maps of many
-buildings. `split` cuts recordings into robots, maps and merges them, and compares the result with the whole recording.
-`perturb` maps recordings with small changes, and measures how much the errors grow. `strangers` counts how often maps
-of different places are merged. `limits` maps a recording of 24 hours and a building of 1 km2.
+`slam` maps recordings and simulated worlds with each preset, each in its own process. `scaling` measures the cost of a
+scan on long simulated drives. `align` aligns pairs of maps with known relative poses, and checks the confidence.
+`merge` measures a merge by area, and compares it with the paper's program. `fleet` merges many maps of many buildings.
+`split` cuts recordings into robots, maps and merges them, and compares the result with the whole recording. `perturb`
+measures the errors of recordings with small changes. `strangers` counts false merges of maps of different places.
+`limits` maps a recording of 24 hours and a building of 1 km2.
 """
 
 if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
@@ -38,9 +38,9 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
       a drive through each of ten buildings, and the worst of them
   python tools/%(prog)s.py align map-pairs/ --details --plot calibration.png
-      every .npz pair of a folder (see datasets/synthetic/map_pairs/pairs.py), with a line for each wrong one
+      every .npz pair of a folder (see datasets/synthetic/map_pairs/pairs.py), with a line for each wrong pair
   python tools/%(prog)s.py align map-pairs/ --method all
-      one table of our methods and the related work's
+      all methods in one table, with those of the related work
   python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
       each recording cut into robots, mapped, merged, and compared with the whole recording
   python tools/%(prog)s.py perturb mit-csail.bag --jobs 2 --without blocked_beams.enabled=false
@@ -75,7 +75,7 @@ def parser(program: str = "benchmark") -> argparse.ArgumentParser:
             "--json",
             type=path_argument,
             metavar="FILE",
-            help="write all figures here; strangers in it are not tried again",
+            help="write all figures here too",
         )
         command.add_argument(
             "--table", type=path_argument, metavar="FILE", help="write the tables here for docs/figures, see figures.py"
@@ -162,10 +162,11 @@ def _add_perturb(perturb: argparse.ArgumentParser) -> None:
 
 def _add_strangers(strangers: argparse.ArgumentParser) -> None:
     strangers.add_argument(
-        "--pairs", type=_COUNT, default=400, metavar="N", help="pairs to try, a quarter a kind (400)"
-    )
+        "--pairs", type=_COUNT, default=400, metavar="N",
+        help="pairs to try, a quarter of each kind; pairs in the file of --json are not tried again (400)",
+    )  # fmt: skip
     strangers.add_argument(
-        "--sets", type=_SEED, default=0, metavar="N", help="sets of six maps to try instead of pairs, a quarter a kind"
+        "--sets", type=_SEED, default=0, metavar="N", help="sets of six maps to try instead of pairs"
     )
     strangers.add_argument("--seed", type=_SEED, default=0, metavar="N", help="seed of the pairs (0)")
     strangers.add_argument("--workers", type=_COUNT, default=2, metavar="N", help="processes; the result is equal (2)")

@@ -31,11 +31,11 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py recording.bag --robots 3 --overlap 0.3 -o out/building
       split one drive into three robots that share 30 percent of their path
   python tools/%(prog)s.py monday.bag tuesday.bag --separate --profile stata -o out/stata
-      one robot a bag, read like the MIT Stata Center recordings
+      a robot for each bag, with the topics and frames of the MIT Stata Center recordings
   python tools/%(prog)s.py recordings/ --separate --workers 8 --config mine.toml -o out/all
       every recording of a directory, eight at a time, with changed parameters; a second run continues the first
 
-exit codes: 0 done, 1 something is wrong (one line says what; what was finished is kept), 2 wrong usage, 130 interrupted
+exit codes: 0 done, 1 error, described in one line (finished robots are kept), 2 wrong usage, 130 interrupted
 """
 
 MOST_ROBOTS = 10_000
@@ -58,7 +58,7 @@ def parser(program: str = "build_maps") -> argparse.ArgumentParser:
     many.add_argument(
         "--scheduler", metavar="ADDRESS", help="map on an existing Dask cluster, e.g. tcp://10.0.0.1:8786"
     )
-    many.add_argument("--redo", action="store_true", help="map again what an earlier run has finished")
+    many.add_argument("--redo", action="store_true", help="map finished robots again")
     add_extra_files(grammar)
     add_viewer_option(grammar)
     truth = grammar.add_argument_group("truth, for evaluation only")
@@ -77,7 +77,10 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
     )
     robots.add_argument("--robots", type=int, default=1, metavar="N", help="split the drive into N robots (1)")
     robots.add_argument(
-        "--split", choices=("distance", "time", "gaps"), default="distance", help="gaps: see --gap (distance)"
+        "--split",
+        choices=("distance", "time", "gaps"),
+        default="distance",
+        help="criterion; gaps: see --gap (distance)",
     )
     robots.add_argument(
         "--overlap", type=float, default=0.3, metavar="F", help="common share of neighbours' paths (0.3)"

@@ -24,7 +24,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py --list
       every recording known by name, with size and licence
   python tools/%(prog)s.py ccny/demo
-      recordings/ccny/demo.bag, 1 MB: small enough to try everything on
+      recordings/ccny/demo.bag, a real recording of 1 MB
   python tools/%(prog)s.py stata/2011-01-24-06-18-27 freiburg/intel -o recordings
       recordings/stata/2011-01-24-06-18-27.bag and recordings/freiburg/intel.clf with its true relations
 """
@@ -33,12 +33,12 @@ EXAMPLES = """examples:
 def parser(program: str = "download") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
-    what = grammar.add_argument_group("what")
+    what = grammar.add_argument_group("recordings")
     what.add_argument("names", nargs="*", metavar="NAME", help="recordings, as --list names them")
     what.add_argument("--list", action="store_true", help="list the recordings")
-    where = grammar.add_argument_group("where to")
+    where = grammar.add_argument_group("output")
     where.add_argument(
-        "-o", "--out", type=path_argument, default=Path("recordings"), metavar="FOLDER", help="(recordings)"
+        "-o", "--out", type=path_argument, default=Path("recordings"), metavar="FOLDER", help="folder (recordings)"
     )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
@@ -49,7 +49,7 @@ def main(argv: list[str] | None = None, program: str = "download") -> int:
     grammar = parser(program)
     args = grammar.parse_args(argv)
     if not args.names and not args.list:
-        grammar.error("name a recording, or ask for the --list")
+        grammar.error("give the name of a recording, or --list")
     return ended(program, lambda: _run(args, program), debug=args.debug, interrupted="run the same again to go on")
 
 

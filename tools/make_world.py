@@ -57,7 +57,7 @@ def parser(program: str = "make_world") -> argparse.ArgumentParser:
     files.add_argument("--format", choices=("ros1", "mcap"), default="ros1", help="ROS 1 bag or ROS 2 mcap (ros1)")
     files.add_argument("--compression", choices=("none", "bz2"), default="none", help="of ROS 1 bags (none)")
     files.add_argument(
-        "--no-return", type=float, default=65.533, metavar="CODE", help="range without a return: inf, nan or a number"
+        "--no-return", type=float, default=65.533, metavar="CODE", help="range without a return (65.533)"
     )
     return grammar
 
@@ -73,7 +73,9 @@ def _add_world(world: argparse._ArgumentGroup) -> None:
         "--overlap", type=float, default=0.3, metavar="F", help="common share of neighbours' paths (0.3)"
     )
     world.add_argument("--speed", type=float, default=0.65, metavar="M/S", help="largest speed (0.65)")
-    world.add_argument("--odometry", choices=("none", "good", "poor"), default="good", help="odometry's errors (good)")
+    world.add_argument(
+        "--odometry", choices=("none", "good", "poor"), default="good", help="errors of the odometry (good)"
+    )
     world.add_argument(
         "--fault", action="append", default=[], metavar="NAME@S[+S[xF]]",
         help="a fault at a time, with a duration (10) [s]; may be repeated; reversed odometry reports F times the "

@@ -58,8 +58,8 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py plan.yaml out/robot_0 out/robot_1 -o merged --pose robot_0 12.5 -3 90
       the pose of robot_0 in the plan's frame is about 12.5 m, -3 m and 90 degrees
 
-exit codes: 0 merged, 1 something is wrong (one line says what), 2 wrong usage, 3 no two maps could be merged (the
-report says why), 130 interrupted
+exit codes: 0 merged, 1 error, described in one line, 2 wrong usage, 3 no two maps could be merged (see the
+report), 130 interrupted
 """
 
 
@@ -155,7 +155,7 @@ def parser(program: str = "merge") -> argparse.ArgumentParser:
     features.add_argument(
         "--min-inliers", type=int, metavar="N", help="fewest inliers of an accepted alignment, default: 5"
     )
-    _add_fusing(grammar.add_argument_group("how cells are fused"))
+    _add_fusing(grammar.add_argument_group("fusion of cells"))
     add_configuration_options(grammar, "merging.verification.min_confidence=0.9")
     add_extra_files(grammar)
     grammar.add_argument("-v", "--verbose", action="store_true", help="log every step")
@@ -192,14 +192,14 @@ def _add_fusing(fusing: argparse._ArgumentGroup) -> None:
         help="fusion rule; default: render all scans again where drives were optimised together, else disjunctive",
     )
     fusing.add_argument(
-        "--coverage", choices=COVERAGES, help="keep what any robot saw (union, default) or only what all saw (overlap)"
+        "--coverage", choices=COVERAGES, help="keep the cells that any robot saw (union, default) or all saw (overlap)"
     )
     fusing.add_argument(
         "--reliability", type=_reliability, action="append", default=[], metavar="NAME=R",
         help="reliability of a map, by its name in the report, between 0 and 1; may be repeated",
     )  # fmt: skip
     fusing.add_argument(
-        "--resolution", type=float, metavar="M", help="cell size of the merged map, default: the first's"
+        "--resolution", type=float, metavar="M", help="cell size of the merged map, default: that of the first map"
     )
 
 

@@ -169,7 +169,7 @@ def examples(text: str, program: str) -> str:
 
 
 _EXIT_CODES = "exit codes: "
-_USUAL_CODES = f"\n{_EXIT_CODES}0 done, 1 something is wrong (one line says what), 2 wrong usage, 130 interrupted\n"
+_USUAL_CODES = f"\n{_EXIT_CODES}0 done, 1 error, described in one line, 2 wrong usage, 130 interrupted\n"
 
 
 class ProgramParser(argparse.ArgumentParser):
