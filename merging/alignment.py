@@ -22,7 +22,7 @@ from merging.verification import Evidence
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.kernels.grids.walls import Limits
-from tbmslam.map.walls import AGREES, hold
+from tbmslam.map.walls import AGREES, classify
 
 Covariance = tuple[tuple[float, ...], ...]
 """Covariance of an error in x, y [m] and theta [rad] in the source's frame, three rows of three."""
@@ -265,7 +265,7 @@ def _agreeing(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return half the lengths (N,) of one map's agreeing walls (the other map counts the rest), points and normals."""
     some = moving.some(_MANY_WALLS)
-    agree = some[hold(moving.walls, some, fixed.walls, T_fixed_moving, limits) == AGREES]
+    agree = some[classify(moving.walls, some, fixed.walls, T_fixed_moving, limits) == AGREES]
     cell_m = moving.geometry.resolution * len(moving.points) / max(len(some), 1)
     turn = SE2(0.0, 0.0, T_source_moving.theta)
     return (

@@ -33,8 +33,8 @@ from tbmslam.map.walls import (
     XY,
     YY,
     Walls,
+    classify,
     compare,
-    hold,
     see_through,
 )
 
@@ -212,7 +212,7 @@ def count_pieces(target: WallMap, source: WallMap, T_target_source: SE2, limits:
 
 def _counts(moving: WallMap, fixed: WallMap, motion: SE2, limits: Limits) -> FloatArray:
     some = moving.some(_MANY_WALLS)
-    held = hold(moving.walls, some, fixed.walls, motion, limits)
+    held = classify(moving.walls, some, fixed.walls, motion, limits)
     there = (held != OUTSIDE) & (held != NOT_SEEN)
     if not there.any():
         return np.zeros(4)

@@ -24,7 +24,7 @@ from tools import benchmarks
 from tools.build_maps import MOST_ROBOTS
 from tools.command_line.options import comma_separated, number_within
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended, examples
+from tools.command_line.program import ProgramParser, examples, run_program
 from tools.merge import METHODS
 
 PAIR_METHODS = (*METHODS, "howard")
@@ -244,7 +244,7 @@ def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
         grammar.error("slam needs recordings or --world")
     if args.command == "strangers" and args.sets and args.json:
         grammar.error("--json keeps pairs, not --sets")
-    return ended(program, lambda: _run(args), debug=args.debug)
+    return run_program(program, lambda: _run(args), debug=args.debug)
 
 
 def _run(args: argparse.Namespace) -> None:

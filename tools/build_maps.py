@@ -22,7 +22,7 @@ from tools.command_line.options import (
     given_options,
 )
 from tools.command_line.paths import add_extra_files, check_exist, path_argument
-from tools.command_line.program import ProgramParser, ended, loading
+from tools.command_line.program import ProgramParser, loading, run_program
 
 if TYPE_CHECKING:
     from tools.command_line.configuration import Configuration
@@ -103,7 +103,7 @@ def main(argv: list[str] | None = None, program: str = "build_maps") -> int:
     grammar = parser(program)
     args = grammar.parse_args(argv)
     _check_usage(grammar, args)
-    return ended(
+    return run_program(
         program,
         lambda: _run(grammar, args, argv, program),
         debug=args.debug,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
@@ -46,7 +46,7 @@ def main(argv: list[str] | None = None) -> int:
     args = grammar.parse_args(argv)
     if args.workers < 1:
         grammar.error(f"--workers must be positive, got {args.workers}")
-    return ended("calibrate_merging", lambda: _run(args), debug=args.debug)
+    return run_program("calibrate_merging", lambda: _run(args), debug=args.debug)
 
 
 def _parser() -> ProgramParser:

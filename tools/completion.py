@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 
 SHELLS = ("bash", "zsh", "tcsh")
 EXAMPLES = """examples:
@@ -35,7 +35,7 @@ def parser(program: str = "completion") -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None, program: str = "completion") -> int:
     """Run the program, under the name that it was called by; return its exit code."""
     args = parser(program).parse_args(arguments)
-    return ended(program, lambda: _run(args))
+    return run_program(program, lambda: _run(args))
 
 
 def _run(args: argparse.Namespace) -> None:

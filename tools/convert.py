@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from tbmslam.errors import TbmSlamError
 from tools.command_line.paths import check_exist, path_argument
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
     from tbmslam.map.tbm_map import TbmMap
@@ -60,7 +60,7 @@ def parser(program: str = "convert") -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None, program: str = "convert") -> int:
     """Run the program, under the name that it was called by; return its exit code."""
     args = parser(program).parse_args(argv)
-    return ended(program, lambda: _run(args), debug=args.debug)
+    return run_program(program, lambda: _run(args), debug=args.debug)
 
 
 def _run(args: argparse.Namespace) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Never
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
     from datasets.downloading import KnownRecording
@@ -50,7 +50,7 @@ def main(argv: list[str] | None = None, program: str = "download") -> int:
     args = grammar.parse_args(argv)
     if not args.names and not args.list:
         grammar.error("give the name of a recording, or --list")
-    return ended(program, lambda: _run(args, program), debug=args.debug, interrupted="run the same again to go on")
+    return run_program(program, lambda: _run(args, program), debug=args.debug, interrupted="run it again to go on")
 
 
 def _run(args: argparse.Namespace, program: str) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from tbmslam.errors import TbmSlamError
 from tools.command_line.paths import add_extra_files, check_exist, check_extra_files, path_argument, write_extra_files
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
     from tbmslam.map.tbm_map import TbmMap
@@ -81,7 +81,7 @@ def main(argv: list[str] | None = None, program: str = "edit") -> int:
     args = grammar.parse_args(argv)
     if not args.wanted and args.edits is None:
         grammar.error("give an edit, such as --align-axes, or a file of --edits")
-    return ended(program, lambda: _run(args), debug=args.debug)
+    return run_program(program, lambda: _run(args), debug=args.debug)
 
 
 def _run(args: argparse.Namespace) -> None:

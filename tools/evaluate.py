@@ -14,7 +14,7 @@ import math
 import sys
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended, examples, loading
+from tools.command_line.program import ProgramParser, examples, loading, run_program
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
@@ -108,7 +108,9 @@ def main(argv: list[str] | None = None, program: str = "evaluate") -> int:
     grammar = parser(program)
     args = grammar.parse_args(argv)
     _check(grammar, args)
-    return ended(program, lambda: _run(args), debug=args.debug, out_of_memory="crop the maps, or use coarser cells")
+    return run_program(
+        program, lambda: _run(args), debug=args.debug, out_of_memory="crop the maps or use coarser cells"
+    )
 
 
 def _run(args: argparse.Namespace) -> None:

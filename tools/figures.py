@@ -25,7 +25,7 @@ from typing import Any
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; return its exit code."""
     args = parser().parse_args(argv)
-    return ended("figures", lambda: _run(args))
+    return run_program("figures", lambda: _run(args))
 
 
 def _run(args: argparse.Namespace) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
     from datasets.synthetic.map_pairs.pairs import Building
@@ -50,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
         grammar.error(f"--bend must lie within 0 and {_MOST_BEND_M:g} m, got {args.bend:g}")
     if not all(1 <= percent <= 100 for percent in args.overlap):
         grammar.error(f"--overlap must lie within 1 and 100 percent, got {args.overlap}")
-    return ended("make_map_pairs", lambda: _write(args), debug=args.debug)
+    return run_program("make_map_pairs", lambda: _write(args), debug=args.debug)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -108,7 +108,7 @@ def main(argv: list[str] | None = None, program: str = "make_world") -> int:
         grammar.error(f"--no-return must differ from every range that the laser may measure, got {args.no_return:g}")
     if args.drive_seed is not None and args.drive_seed < 0:
         grammar.error(f"--drive-seed must not be negative, got {args.drive_seed}")
-    return ended(program, lambda: _run(grammar, args), debug=args.debug)
+    return run_program(program, lambda: _run(grammar, args), debug=args.debug)
 
 
 def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:

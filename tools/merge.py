@@ -25,13 +25,13 @@ from tools.command_line.paths import (
     unique_names,
     write_extra_files,
 )
-from tools.command_line.program import DONE, ProgramParser, ended, loading, typed_command
+from tools.command_line.program import DONE, ProgramParser, loading, run_program, typed_command
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
     from merging.merger import Merge
     from tbmslam.map.tbm_map import TbmMap
-    from tbmslam.report.page import Making
+    from tbmslam.report.page import RunInfo
     from tools.command_line.configuration import Configuration
 
 logger = logging.getLogger("merge")
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None, program: str = "merge") -> int:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
     else:  # warnings about maps are printed without the name of a module
         logging.basicConfig(level=logging.WARNING, format="%(message)s")
-    return ended(
+    return run_program(
         program,
         lambda: _run(grammar, options, arguments, program),
         debug=options.debug,
@@ -263,7 +263,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
         from merging.report.provenance import duplicate_drives
         from tbmslam.configuration.parameters import ConfigError
         from tbmslam.io.map_folder import load_map
-        from tbmslam.report.page import Making
+        from tbmslam.report.page import RunInfo
         from tools.command_line.output_folder import output_folder
         from tools.command_line.progress import ProgressBars
 
@@ -280,7 +280,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
             counts = "one drive would count as two robots that agree: omit one of them"
             logger.warning("%s and %s hold the same scans, %d of %d keyframes: %s", first, second, shared, of, counts)
         result = merge(maps, config, options.workers, progress, options.scheduler)
-        _save(options, result, maps, config, Making(command, progress.seconds))
+        _save(options, result, maps, config, RunInfo(command, progress.seconds))
     _tell(result, options.out)
     return DONE if result.merged is not None else NOTHING_MERGED
 
@@ -315,7 +315,11 @@ def _check_files(paths: Sequence[Path], out: Path) -> None:
 
 
 def _save(
-    options: argparse.Namespace, result: "Merge", maps: Mapping[str, "TbmMap"], config: "MergeConfig", making: "Making"
+    options: argparse.Namespace,
+    result: "Merge",
+    maps: Mapping[str, "TbmMap"],
+    config: "MergeConfig",
+    info: "RunInfo",
 ) -> None:
     from merging.report.json_report import write_report
     from tbmslam.io.atomic_file import write_text
@@ -331,7 +335,7 @@ def _save(
         remove_map(options.out)  # of an older merge, which contradicts the new report
     write_text(options.out / "config.toml", merging_text(config))
     write_extra_files(options.out, result.merged, options)
-    write_report(options.out, result, maps, config, making)
+    write_report(options.out, result, maps, config, info)
     write_checksums(options.out)
 
 

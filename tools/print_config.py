@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from tools.command_line.options import add_configuration_options
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py > mine.toml
@@ -31,7 +31,7 @@ def parser(program: str = "print_config") -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None, program: str = "print_config") -> int:
     """Run the program, under the name that it was called by; return its exit code."""
     args = parser(program).parse_args(arguments)
-    return ended(program, lambda: _run(args), debug=args.debug)
+    return run_program(program, lambda: _run(args), debug=args.debug)
 
 
 def _run(args: argparse.Namespace) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 from tools.make_world import WORLDS
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def main(argv: list[str] | None = None) -> int:
     except ValueError as error:
         grammar.error(str(error))
     words = sys.argv[1:] if argv is None else argv
-    return ended("reproduce_paper", lambda: _reproduce(args, words), debug=args.debug)
+    return run_program("reproduce_paper", lambda: _reproduce(args, words), debug=args.debug)
 
 
 def _check(args: argparse.Namespace) -> None:

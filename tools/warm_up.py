@@ -14,7 +14,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from tools.command_line.program import DONE, ProgramParser, ended
+from tools.command_line.program import DONE, ProgramParser, run_program
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py
@@ -35,7 +35,7 @@ def parser(program: str = "warm_up") -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None, program: str = "warm_up") -> int:
     """Run the program, under the name that it was called by; return its exit code."""
     args = parser(program).parse_args(arguments)
-    return ended(
+    return run_program(
         program,
         _run,
         debug=args.debug,

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellStates, Points
-from merging.baselines.placing import Agreement, Placing, answer
+from merging.baselines.placing import Agreement, Placing, judged_alignment
 from merging.config import BirkCarpinConfig, MergeConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray
@@ -34,7 +34,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     place = _walk(_Likeness.of(*maps, placing, settings), placing, settings)
     index = float(Agreement.of(*maps, placing, place[None]).index()[0])
     words = f"acceptance index {index:.3f}, to be at most {settings.max_index:g}"
-    return answer("birk-carpin", maps, placing, place, (words, index <= settings.max_index), config)
+    return judged_alignment("birk-carpin", maps, placing, place, (words, index <= settings.max_index), config)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_WALL, CellStates, Points, Reals
-from merging.baselines.placing import BINS, Agreement, Placing, answer, climb, hough_spectrum, likely_turns
+from merging.baselines.placing import BINS, Agreement, Placing, climb, hough_spectrum, judged_alignment, likely_turns
 from merging.config import MergeConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray
@@ -54,7 +54,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     place = best[rating(best).argmax()]
     index = float(Agreement.of(*maps, placing, place[None]).index()[0])
     words = f"acceptance index {index:.3f}, to be at most {settings.max_index:g}"
-    return answer("carpin", maps, placing, place, (words, index <= settings.max_index), config)
+    return judged_alignment("carpin", maps, placing, place, (words, index <= settings.max_index), config)
 
 
 def _shifts(fixed: Points, moving: Points, cell: float, peaks: int) -> Points:

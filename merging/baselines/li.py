@@ -18,7 +18,7 @@ from scipy.optimize import Bounds, differential_evolution
 
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_FREE, IS_UNKNOWN, IS_WALL, CellField, CellStates, Field, Points
-from merging.baselines.placing import Placing, answer
+from merging.baselines.placing import Placing, judged_alignment
 from merging.config import LiConfig, MergeConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import pignistic
@@ -61,7 +61,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     place = np.asarray(found.x, dtype=np.float64)
     likelihood = _likelihood(lean, maps[0], placing.into_target(walls, place[None])[0])
     words = f"mean likelihood {likelihood:.2f} of the walls that meet known cells, to be {settings.min_likelihood:g}"
-    return answer("li", maps, placing, place, (words, likelihood >= settings.min_likelihood), config)
+    return judged_alignment("li", maps, placing, place, (words, likelihood >= settings.min_likelihood), config)
 
 
 def _population(settings: LiConfig, reach: float) -> FloatArray:

@@ -96,7 +96,7 @@ class Agreement:
         return 1.0 - np.divide(self.agreeing, met, out=np.zeros_like(met), where=met > 0.0)
 
 
-def answer(
+def judged_alignment(
     method: str,
     maps: tuple[CellStates, CellStates],
     placing: Placing,

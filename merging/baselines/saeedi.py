@@ -24,9 +24,9 @@ from merging.baselines.placing import (
     Channel,
     Placing,
     ShiftSearch,
-    answer,
     climb,
     hough_spectrum,
+    judged_alignment,
     likely_turns,
 )
 from merging.config import MergeConfig, SaeediConfig
@@ -102,7 +102,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     place = places[likeness(places).argmax()]
     gain = 1.0 - float(Agreement.of(*maps, placing, place[None]).index()[0])
     words = f"the entropy sinks in {gain:.0%} of the cells that meet, to be {settings.min_gain:.0%}"
-    return answer("saeedi", maps, placing, place, (words, gain >= settings.min_gain), config)
+    return judged_alignment("saeedi", maps, placing, place, (words, gain >= settings.min_gain), config)
 
 
 def _nearest_walls(wall: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.complex64]]:

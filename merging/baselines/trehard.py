@@ -18,7 +18,7 @@ import numpy as np
 
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_WALL, CellField, CellStates, Field, Points, evenly
-from merging.baselines.placing import Placing, ShiftSearch, answer, climb
+from merging.baselines.placing import Placing, ShiftSearch, climb, judged_alignment
 from merging.config import MergeConfig, TrehardConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import OCCUPIED, UNKNOWN
@@ -46,7 +46,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     agreed, possible = (float(sums_of_both[0]) for sums_of_both in sums(place[None]))
     consistency = agreed / possible if possible > 0.0 else 0.0
     words = f"consistency {consistency:.2f}, to be {settings.min_consistency:g}"
-    return answer("trehard", maps, placing, place, (words, consistency >= settings.min_consistency), config)
+    return judged_alignment("trehard", maps, placing, place, (words, consistency >= settings.min_consistency), config)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.pictures import encode_png
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS
-from tbmslam.report.page import Making, downloads
+from tbmslam.report.page import RunInfo, downloads
 
 _UNKNOWN_GREY = 205
 _BAND = 256
@@ -33,7 +33,7 @@ _AREAS_TOLD = {
 
 
 def write_report(
-    folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig, making: Making | None = None
+    folder: Path, merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig, run_info: RunInfo | None = None
 ) -> None:
     """Write report.json, report.html and, for merged maps, overlay.png and contradictions.png; replace older files.
 
@@ -49,7 +49,7 @@ def write_report(
         areas = {_AREAS_TOLD[name]: area for name, area in _areas(merge.fusion).items()}
     for name, content in files.items():
         write_bytes(folder / name, content)
-    page = merge_page(merge, maps, config, areas, making or Making())
+    page = merge_page(merge, maps, config, areas, run_info or RunInfo())
     page = replace(page, downloads={"": downloads(folder, folder)})
     write_bytes(folder / "report.html", page.to_html().encode("utf-8", "backslashreplace"))
     for name in {"overlay.png", "contradictions.png"} - files.keys():

@@ -11,7 +11,7 @@ from merging.report.pair_cards import pair_cards
 from merging.report.provenance import warnings_of
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.maps_page import joined_warnings
-from tbmslam.report.page import Making, Page, Table, versions
+from tbmslam.report.page import Page, RunInfo, Table, versions
 from tbmslam.report.sheet import Sheet
 
 _DOUBTFUL = 0.9
@@ -21,7 +21,7 @@ _MOST_SHEETS = 30
 
 
 def merge_page(
-    merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig, areas_m2: Mapping[str, float], making: Making
+    merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig, areas_m2: Mapping[str, float], run_info: RunInfo
 ) -> Page:
     """Return the page of a merge, with areas to show by name [m^2] and the run of the program."""
     cards, more = pair_cards(merge, maps, config)
@@ -37,8 +37,8 @@ def merge_page(
         cards=cards,
         cards_title="Pairs",
         cards_note="The pose of each source in its target’s frame. The pose of a refused pair was not used.",
-        seconds=making.seconds,
-        command=making.command,
+        seconds=run_info.seconds,
+        command=run_info.command,
         versions=versions(),
         config=config.model_dump(mode="json"),
         defaults=MergeConfig().model_dump(mode="json"),

@@ -27,7 +27,7 @@ from tbmslam.kernels.grids.walls import (
 )
 
 __all__ = ["AGREED", "COMPARED", "CONFLICTING", "SQUARES", "UNSEEN", "XX", "XY", "YY", "Walls"]
-__all__ += ["AGREES", "CONFLICTS", "NEITHER", "NOT_SEEN", "OUTSIDE", "compare", "hold", "see_through", "slide"]
+__all__ += ["AGREES", "CONFLICTS", "NEITHER", "NOT_SEEN", "OUTSIDE", "classify", "compare", "see_through", "slide"]
 
 Indices = npt.NDArray[np.int64]
 
@@ -41,7 +41,7 @@ def compare(moving: Walls, some: Indices, fixed: Walls, motions: list[SE2], limi
     return compare_walls(moving, some, fixed, np.array(motions, dtype=np.float64).reshape(-1, 3), limits)
 
 
-def hold(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits: Limits) -> npt.NDArray[np.uint8]:
+def classify(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits: Limits) -> npt.NDArray[np.uint8]:
     """Return the class of some walls (K,) of the moving map, see `classify_walls`: AGREES, CONFLICTS and so on."""
     return classify_walls(moving, some, fixed, T_fixed_moving, limits)
 

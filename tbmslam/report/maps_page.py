@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from tbmslam.map.drive import Drive
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, incident_layer, map_layers
-from tbmslam.report.page import Making, Page, Table
+from tbmslam.report.page import Page, RunInfo, Table
 from tbmslam.report.sheet import Sheet, drive_tracks
 
 _MOST_NAMES = 5
@@ -92,7 +92,7 @@ class MappedRobot:
 
 def maps_page(
     robots: Mapping[str, MappedRobot],
-    making: Making,
+    run_info: RunInfo,
     failure: str | None = None,
     files: Mapping[str, Sequence[str]] | None = None,
 ) -> Page:
@@ -116,11 +116,11 @@ def maps_page(
         + joined_warnings({name: robot.warnings() for name, robot in robots.items()}),
         tables=[_table(robots)],
         downloads=dict(list((files or {}).items())[:MOST_SHEETS]),
-        seconds=making.seconds,
-        command=making.command,
+        seconds=run_info.seconds,
+        command=run_info.command,
         versions={str(name): str(value) for name, value in versions.items()} if isinstance(versions, Mapping) else {},
         config=config if isinstance(config, Mapping) else {},
-        defaults=making.defaults,
+        defaults=run_info.defaults,
     )
 
 

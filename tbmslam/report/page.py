@@ -157,7 +157,7 @@ _NAMED = ("tbmslam", "numpy", "numba", "opencv-python-headless", "rosbags")
 
 
 @dataclass(frozen=True)
-class Making:
+class RunInfo:
     """The run of a program, for its report."""
 
     command: str = ""

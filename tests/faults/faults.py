@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from tests.faults import bags, hostile_maps, sensors, writing
 from tests.faults.fault_case import FaultCase, Outcome
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, ended
+from tools.command_line.program import ProgramParser, run_program
 from tools.command_line.text_table import ResultTable, describe_machine, text_table, write_tables
 
 EXAMPLES = """examples:
@@ -44,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     args = parser().parse_args(argv)
-    return ended("faults", lambda: _try_all(args))
+    return run_program("faults", lambda: _try_all(args))
 
 
 def _try_all(args: argparse.Namespace) -> int:

@@ -13,7 +13,18 @@ from merging.walls import Components, WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.grids.walls import FACING
-from tbmslam.map.walls import AGREED, AGREES, COMPARED, CONFLICTING, CONFLICTS, NOT_SEEN, OUTSIDE, UNSEEN, compare, hold
+from tbmslam.map.walls import (
+    AGREED,
+    AGREES,
+    COMPARED,
+    CONFLICTING,
+    CONFLICTS,
+    NOT_SEEN,
+    OUTSIDE,
+    UNSEEN,
+    classify,
+    compare,
+)
 
 CONFIG = VerificationConfig()
 
@@ -224,7 +235,7 @@ def test_maps_apart_have_no_pieces_in_common(rooms):
 def test_each_wall_is_told_as_the_sums_count_it(rooms):
     target, source, motion = structure(rooms(1)), structure(rooms(2)), SE2(1.0, -2.0, 0.4)
     some = np.arange(len(source.points))
-    held = hold(source.walls, some, target.walls, motion, LIMITS)
+    held = classify(source.walls, some, target.walls, motion, LIMITS)
     sums = compare(source.walls, some, target.walls, [motion], LIMITS)[0]
     weights = source.weights
     assert weights[held == AGREES].sum() == pytest.approx(sums[AGREED])

@@ -175,7 +175,7 @@ def _errors(found: SE2, true: SE2, moved: TbmMap) -> tuple[float, float]:
 
 def _agreements(merged: TbmMap, undivided: TbmMap) -> tuple[MapAgreement, MapAgreement]:
     """Compare the undivided map, aligned by drives and walls, with the merged map and with its own rendering there."""
-    guess = laid_by_drives(undivided, merged)
+    guess = pose_by_drives(undivided, merged)
     labels, true_labels = cell_labels(merged.grid), cell_labels(undivided.grid)
     motion = refine_map_transform(labels, merged.grid.geometry, true_labels, undivided.grid.geometry, guess)
     true = cell_labels(resample(undivided.grid, motion.inverse(), merged.grid.geometry))
@@ -184,7 +184,7 @@ def _agreements(merged: TbmMap, undivided: TbmMap) -> tuple[MapAgreement, MapAgr
     return map_agreement(labels, true), map_agreement(cell_labels(again), turned)
 
 
-def laid_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
+def pose_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
     """Return the pose of a merged map in the undivided map, from the poses of the robots at equal stamps."""
     whole = undivided.drives[0].trajectory
     there, here = [np.zeros((0, 2))], [np.zeros((0, 2))]

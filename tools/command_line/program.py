@@ -45,7 +45,7 @@ def _memory_limit() -> int | None:
     return None if limit == resource.RLIM_INFINITY else limit
 
 
-def print_anything() -> None:
+def escape_output() -> None:
     """Print names that are not text with their bytes escaped, and messages without control characters.
 
     Python would fail on the former, and a terminal obey the latter.
@@ -87,7 +87,7 @@ _NO_ROOM = "failed to map segment"
 """The system's message if memory is too small to load a library."""
 
 
-def ended(
+def run_program(
     program: str,
     work: Callable[[], int | None],
     *,
@@ -106,7 +106,7 @@ def ended(
     interruption.repeat_dropped_interrupts(dropping)
     try:
         interruption.ends_at_once = False
-        print_anything()
+        escape_output()
         check_environment()
         code = work() or DONE
         if sys.stdout is not None:
@@ -123,7 +123,7 @@ def ended(
         if is_shown or not isinstance(error, Exception) or not (no_memory or isinstance(error, TbmSlamError | OSError)):
             raise
         say(f"{program}: {f'memory has run out: {out_of_memory}' if no_memory else one_line(error)}")
-        forget_unprinted()
+        discard_output()
         return FAILED
     finally:
         sys.unraisablehook = dropping
@@ -132,7 +132,7 @@ def ended(
     return code
 
 
-def forget_unprinted() -> None:
+def discard_output() -> None:
     """Discard buffered output that cannot be printed (full disk, closed pipe), on which Python would fail again."""
     with suppress(AttributeError, ValueError, OSError):  # there is no stdout, or it is not a file
         try:
@@ -200,7 +200,7 @@ class ProgramParser(argparse.ArgumentParser):
             sys.stdout.flush()
         except OSError as error:
             say(f"{self.prog.split()[0]}: {one_line(error)}")
-            forget_unprinted()
+            discard_output()
             sys.exit(FAILED)
 
 

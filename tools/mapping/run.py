@@ -21,7 +21,7 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Call, Executor, Progress
 from tbmslam.report.maps_page import MappedRobot, maps_page
-from tbmslam.report.page import Making, downloads
+from tbmslam.report.page import RunInfo, downloads
 from tbmslam.report.rerun_viewer import RerunViewer
 from tbmslam.slam import Slam
 from tbmslam.special_file import why_unreadable
@@ -109,7 +109,9 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, progre
     robots = {task.name: MappedRobot(tbm_map, done[task.name].run) for task, tbm_map in made}
     usual = Configuration.of_preset(config.preset).slam.model_dump(mode="json")
     files = {task.name: downloads(args.out, task.folder) for task, _ in made}
-    page = maps_page(robots, Making(command, progress.seconds, usual), None if failure is None else str(failure), files)
+    page = maps_page(
+        robots, RunInfo(command, progress.seconds, usual), None if failure is None else str(failure), files
+    )
     write_text(args.out / "report.html", page.to_html())
     print(f"report -> {args.out / 'report.html'}")
     _write_truth(args, list(dict.fromkeys(task.paths for task in tasks)), made, shelf, progress)

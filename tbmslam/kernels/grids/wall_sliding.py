@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel
-from tbmslam.kernels.grids.walls import WallPoints, Walls, faces, lay, wall_points
+from tbmslam.kernels.grids.walls import WallPoints, Walls, faces, place_walls, wall_points
 
 
 @kernel
@@ -25,7 +25,7 @@ def _pull(
     `pose` is T_target_source. With `back` the moving walls are those of the target.
     """
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
-    lay(moving, fixed, pose, back)
+    place_walls(moving, fixed, pose, back)
     distances, nearest = fixed.distances.reshape(-1), fixed.nearest.reshape(-1)
     # Local sums are faster than an array; this is the innermost loop of an alignment.
     xx, xy, xt, xd = system[0, 0], system[0, 1], system[0, 2], system[0, 3]

@@ -94,7 +94,7 @@ def wall_points(walls: Walls, some: npt.NDArray[np.int64]) -> WallPoints:
 
 
 @kernel
-def lay(moving: WallPoints, fixed: Walls, pose: Pose, back: bool) -> None:
+def place_walls(moving: WallPoints, fixed: Walls, pose: Pose, back: bool) -> None:
     """Compute the positions of walls in a map for the pose T_fixed_moving, or its inverse with ``back``."""
     tx, ty, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
@@ -134,7 +134,7 @@ def compare_walls(
     for m in range(len(motions)):
         pose = (motions[m, 0], motions[m, 1], motions[m, 2])
         cosine, sine = math.cos(pose[2]), math.sin(pose[2])
-        lay(walls, fixed, pose, False)
+        place_walls(walls, fixed, pose, False)
         # Local sums are faster than an array; this loop takes a fifth of an alignment.
         compared = agreed = conflicting = unseen = xx = xy = yy = squares = 0.0
         for i in range(len(some)):

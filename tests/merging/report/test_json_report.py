@@ -13,7 +13,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import FileNotWrittenError
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS
-from tbmslam.report.page import Making
+from tbmslam.report.page import RunInfo
 
 CONFIG = MergeConfig(method="features")
 DESCRIPTION = Path(__file__).resolve().parents[3] / "docs/report-json.md"
@@ -131,7 +131,7 @@ def test_conflict_is_red(rooms):
 
 
 def test_the_page_shows_the_run(maps, tmp_path):
-    write_report(tmp_path, merge(maps, CONFIG), maps, CONFIG, Making("merge here there", {"aligning": 12.345}))
+    write_report(tmp_path, merge(maps, CONFIG), maps, CONFIG, RunInfo("merge here there", {"aligning": 12.345}))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "merge here there" in page
     assert "12.35" in page

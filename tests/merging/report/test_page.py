@@ -15,7 +15,7 @@ from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS
-from tbmslam.report.page import Making
+from tbmslam.report.page import RunInfo
 
 CONFIG = MergeConfig(method="features")
 PROVENANCE = {
@@ -39,7 +39,7 @@ def maps(rooms):
 
 def test_the_page_of_a_merge_has_all_layers_poses_and_warnings(maps):
     result = merge(maps, CONFIG)
-    page = merge_page(result, maps, CONFIG, {"known": 12.3}, Making("merge a b", {"aligning": 2.0}))
+    page = merge_page(result, maps, CONFIG, {"known": 12.3}, RunInfo("merge a b", {"aligning": 2.0}))
     assert page.verdict == "2 of 3 maps were merged."
     assert not page.good
     assert [sheet.title for sheet in page.sheets] == ["Merged map", "foreign"]
@@ -67,7 +67,7 @@ def test_the_page_of_a_merge_has_all_layers_poses_and_warnings(maps):
 
 
 def test_robots_are_drawn_in_their_colours_where_they_stand(maps):
-    layers = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, Making()).sheets[0].layers
+    layers = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, RunInfo()).sheets[0].layers
     walls = {layer.switch.label: layer for layer in layers if layer.switch.column == "map"}
     assert walls["there"].palette.colours[2] == ROBOT_COLOURS[1]
     here, there = (np.count_nonzero(walls[name].levels == 2) for name in ("here", "there"))
@@ -78,7 +78,7 @@ def test_robots_are_drawn_in_their_colours_where_they_stand(maps):
 
 def test_nothing_merged_shows_the_maps_apart(maps):
     strangers = {name: maps[name] for name in ("here", "foreign")}
-    page = merge_page(merge(strangers, CONFIG), strangers, CONFIG, {}, Making())
+    page = merge_page(merge(strangers, CONFIG), strangers, CONFIG, {}, RunInfo())
     assert page.verdict == "No two maps could be merged."
     assert [sheet.title for sheet in page.sheets] == ["here", "foreign"]
     written = page.to_html().lower().partition("how it was made")[0].partition("<body>")[2]
@@ -106,7 +106,7 @@ def test_ambiguous_and_outvoted_pairs_and_unsure_poses_are_warned_of(maps):
         alignments={**result.alignments, pair: shaky, ("here", "foreign"): doubtful},
         outvoted=(("there", "foreign"),),
     )
-    said = merge_page(changed, maps, CONFIG, {}, Making()).warnings
+    said = merge_page(changed, maps, CONFIG, {}, RunInfo()).warnings
     assert "foreign in here is ambiguous: the maps fit in 1 places" in said
     assert "the pose of there is not sure: confidence 0.750" in said
     assert any(text.startswith("foreign in there was accepted by itself, but contradicts") for text in said)
@@ -114,7 +114,7 @@ def test_ambiguous_and_outvoted_pairs_and_unsure_poses_are_warned_of(maps):
 
 def test_a_map_left_out_shows_where_it_had_trouble(maps):
     maps["foreign"] = replace(maps["foreign"], drives=maps["here"].drives, provenance=PROVENANCE)
-    page = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, Making())
+    page = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, RunInfo())
     (incidents,) = (layer for layer in page.sheets[1].layers if layer.switch.column == "incidents")
     assert incidents.texts == ["1.0 s: the stamps of the scans step back"]
 
@@ -122,7 +122,7 @@ def test_a_map_left_out_shows_where_it_had_trouble(maps):
 def test_equal_warnings_of_several_robots_are_joined(maps):
     maps["there"] = replace(maps["there"], provenance={"warnings": [*PROVENANCE["warnings"], "at 3.0 s: lost"]})
     maps["foreign"] = replace(maps["foreign"], provenance={"warnings": ["at 4.0 s: lost"]})
-    said = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, Making()).warnings
+    said = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, RunInfo()).warnings
     assert said[-3:] == [
         "here, there: 3 scans are stamped earlier than the scan before",
         "there: at 3.0 s: lost",
@@ -134,12 +134,12 @@ def test_warnings_of_the_parts_of_a_merged_map_are_shown(maps):
     first = merge({name: maps[name] for name in ("here", "there")}, CONFIG).merged
     assert first is not None
     again = {"both": first, "foreign": maps["foreign"]}
-    page = merge_page(merge(again, CONFIG), again, CONFIG, {}, Making())
+    page = merge_page(merge(again, CONFIG), again, CONFIG, {}, RunInfo())
     assert "both: here: 3 scans are stamped earlier than the scan before" in page.warnings
     (incidents,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "incidents")
     assert incidents.texts == ["1.0 s: the stamps of the scans step back"]
     odd = replace(first, provenance={"merged_from": {"here": 3, "there": {"provenance": []}}, "warnings": 1})
     again = {"both": odd, "foreign": maps["foreign"]}
     assert not [
-        said for said in merge_page(merge(again, CONFIG), again, CONFIG, {}, Making()).warnings if "both:" in said
+        said for said in merge_page(merge(again, CONFIG), again, CONFIG, {}, RunInfo()).warnings if "both:" in said
     ]

@@ -6,7 +6,7 @@ from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.maps_page import MappedRobot, joined_warnings, maps_page
-from tbmslam.report.page import Making
+from tbmslam.report.page import RunInfo
 
 
 def robot(run=None):
@@ -28,7 +28,7 @@ RUN = {
 
 
 def test_every_robot_has_a_sheet_a_row_and_its_warnings():
-    page = maps_page({"a": robot(RUN), "b": robot()}, Making("build_maps x", {"mapping": 1.0}))
+    page = maps_page({"a": robot(RUN), "b": robot()}, RunInfo("build_maps x", {"mapping": 1.0}))
     assert [sheet.title for sheet in page.sheets] == ["a", "b"]
     assert page.tables[0].rows[0] == ["a", "monday", "2", "7", "0", "5.0", "2.0", "0", "2.500", "0.2", "0.5"]
     assert page.tables[0].rows[1][:4] == ["b", "–", "2", "–"]
@@ -45,13 +45,13 @@ def test_every_robot_has_a_sheet_a_row_and_its_warnings():
 
 def test_files_are_offered_of_the_robots_that_are_shown():
     files = {f"robot_{k}": [f"robot_{k}/map.yaml"] for k in range(40)}
-    page = maps_page({"robot_0": robot()}, Making(), files=files)
+    page = maps_page({"robot_0": robot()}, RunInfo(), files=files)
     assert list(page.downloads) == list(files)[:30]
     assert '<a href="robot_7/map.yaml" download>map.yaml</a>' in page.to_html()
 
 
 def test_equal_warnings_of_many_robots_are_joined():
-    page = maps_page({f"robot_{k}": robot({"warnings": ["odd", "odd"] if k else ["odd"]}) for k in range(7)}, Making())
+    page = maps_page({f"robot_{k}": robot({"warnings": ["odd", "odd"] if k else ["odd"]}) for k in range(7)}, RunInfo())
     named = "robot_0, robot_1, robot_2, robot_3, robot_4 and 2 more"
     no_loop = "no loop was closed in 5 m, so the drift of the drive is unknown"
     assert page.warnings == [f"{named}: odd", f"{named}: {no_loop}"]
@@ -63,7 +63,7 @@ def test_coarser_cells_cause_a_warning():
 
 
 def test_all_maps_are_listed_and_the_first_are_shown():
-    page = maps_page({f"robot_{k}": robot() for k in range(40)}, Making())
+    page = maps_page({f"robot_{k}": robot() for k in range(40)}, RunInfo())
     assert len(page.sheets) == 30
     assert len(page.tables[0].rows) == 40
     assert "Only the first 30 of 40 maps are shown above." in page.tables[0].note
@@ -71,7 +71,7 @@ def test_all_maps_are_listed_and_the_first_are_shown():
 
 def test_unexpected_entries_of_a_run_are_ignored():
     odd = robot({"warnings": 3, "counts": "many", "result": None, "versions": [], "config": 1})
-    assert "1 map was made" in maps_page({"a": odd}, Making()).to_html()
+    assert "1 map was made" in maps_page({"a": odd}, RunInfo()).to_html()
 
 
 def test_equal_warnings_are_joined_with_the_names():
@@ -97,5 +97,5 @@ def test_what_happened_again_and_again_is_one_line_with_its_times():
 
 
 def test_areas_of_maps_that_may_overlap_are_not_added_up():
-    one, two = maps_page({"a": robot()}, Making()).figures, maps_page({"a": robot(), "b": robot()}, Making()).figures
+    one, two = maps_page({"a": robot()}, RunInfo()).figures, maps_page({"a": robot(), "b": robot()}, RunInfo()).figures
     assert two["known area of a map"] == one["known area"]

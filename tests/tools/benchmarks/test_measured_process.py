@@ -98,9 +98,9 @@ WAITING = """
 import signal, sys
 from sleeping import sleep_and_tell
 from tools.benchmarks.measured_process import in_fresh_process
-from tools.command_line.program import ended
+from tools.command_line.program import run_program
 signal.signal(signal.SIGINT, signal.default_int_handler)  # as on a terminal
-sys.exit(ended("benchmark", lambda: in_fresh_process(sleep_and_tell, sys.argv[1])))
+sys.exit(run_program("benchmark", lambda: in_fresh_process(sleep_and_tell, sys.argv[1])))
 """
 
 

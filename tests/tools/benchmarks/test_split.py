@@ -12,7 +12,7 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tools import benchmark, make_world
 from tools.benchmarks.measured_process import MeasurementError
-from tools.benchmarks.split import laid_by_drives, overlap_share
+from tools.benchmarks.split import overlap_share, pose_by_drives
 
 
 def free_square(side):
@@ -40,9 +40,9 @@ def test_robots_are_matched_with_the_whole_drive_if_stamps_step_back():
     whole, parts = Trajectory(stamps, poses), [slice(0, 7), slice(4, 11)]
     T_whole_merged = SE2(3.0, -2.0, 0.7)
     merged = driven(*(Trajectory(stamps[p], poses[p]).transformed(T_whole_merged.inverse()) for p in parts))
-    assert laid_by_drives(driven(whole), merged) == pytest.approx(T_whole_merged, abs=1e-9)
+    assert pose_by_drives(driven(whole), merged) == pytest.approx(T_whole_merged, abs=1e-9)
     with pytest.raises(MeasurementError, match="the merged map and the map of the whole recording have no common"):
-        laid_by_drives(driven(whole), driven(Trajectory(stamps + 100.0, poses)))
+        pose_by_drives(driven(whole), driven(Trajectory(stamps + 100.0, poses)))
 
 
 @pytest.mark.slow

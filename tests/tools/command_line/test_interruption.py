@@ -14,7 +14,7 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
 from tools.command_line.interruption import Interruption, handle_interruption, restore_handlers
-from tools.command_line.program import ended
+from tools.command_line.program import run_program
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -122,7 +122,7 @@ def test_a_second_ctrl_c_does_not_wait_for_the_first(ends):
         finally:
             signal.raise_signal(signal.SIGINT)
 
-    ended("merge", tidy_for_long)
+    run_program("merge", tidy_for_long)
     assert ends == ([130], ["merge: interrupted\n"])
 
 
@@ -134,7 +134,7 @@ def test_ctrl_c_that_a_library_makes_an_error_of_is_ctrl_c(capsys):
         except KeyboardInterrupt:
             raise ImportError("initialization failed") from None
 
-    assert ended("merge", load, interrupted="run the same again") == 130
+    assert run_program("merge", load, interrupted="run the same again") == 130
     assert capsys.readouterr().err == "merge: interrupted: run the same again\n"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
@@ -152,7 +152,7 @@ def test_ctrl_c_that_compiled_code_drops_is_raised_again(capfd):
         return 0
 
     before = sys.unraisablehook
-    assert ended("merge", work) == 130
+    assert run_program("merge", work) == 130
     assert capfd.readouterr().err == "merge: interrupted\n"
     assert sys.unraisablehook is before
 
@@ -168,7 +168,7 @@ def test_other_dropped_errors_are_reported_as_usual(monkeypatch):
     def work():
         Failing()
 
-    assert ended("merge", work) == 0
+    assert run_program("merge", work) == 0
     assert told == ["dropped"]
 
 
@@ -193,7 +193,7 @@ def test_a_second_call_returns_the_first_handler():
 ENDS_WITH_A_THREAD = """
 import atexit, signal, sys
 from tools.command_line.interruption import handle_interruption
-from tools.command_line.program import ended
+from tools.command_line.program import run_program
 handle_interruption("merge")
 atexit.register(lambda: print("tidied"))
 class Late:
@@ -202,7 +202,7 @@ late = Late()
 def work():
     if sys.argv[1] == "killed":
         signal.raise_signal(signal.SIGTERM)
-sys.exit(ended("merge", work))
+sys.exit(run_program("merge", work))
 """
 
 
@@ -226,7 +226,7 @@ def test_a_kill_that_asks_is_one_line_and_lets_tidy(capsys):
         finally:
             tidied.append(True)
 
-    assert ended("merge", work, interrupted="run the same again") == 143
+    assert run_program("merge", work, interrupted="run the same again") == 143
     assert capsys.readouterr().err == "merge: terminated: run the same again\n"
     assert tidied == [True]
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
@@ -235,7 +235,7 @@ def test_a_kill_that_asks_is_one_line_and_lets_tidy(capsys):
 @pytest.mark.usefixtures("on_a_terminal")
 def test_a_thread_of_somebody_leaves_ctrl_c_to_the_main_one():
     codes = []
-    thread = threading.Thread(target=lambda: codes.append(ended("merge", lambda: 3)))
+    thread = threading.Thread(target=lambda: codes.append(run_program("merge", lambda: 3)))
     thread.start()
     thread.join()
     assert codes == [3]

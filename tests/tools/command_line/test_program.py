@@ -18,10 +18,10 @@ from tools.command_line.interruption import Interruption
 from tools.command_line.program import (
     ProgramParser,
     check_environment,
-    ended,
+    escape_output,
     loading,
     one_line,
-    print_anything,
+    run_program,
     typed_command,
 )
 
@@ -79,7 +79,7 @@ def raising(error):
 
 
 def test_what_a_program_returns_is_its_exit_code(capsys):
-    assert [ended("merge", lambda: 3), ended("merge", lambda: None)] == [3, 0]
+    assert [run_program("merge", lambda: 3), run_program("merge", lambda: None)] == [3, 0]
     assert capsys.readouterr().err == ""
 
 
@@ -92,20 +92,20 @@ def test_what_a_program_returns_is_its_exit_code(capsys):
     ],
 )
 def test_a_known_error_is_one_line_and_with_debug_an_error(capsys, error, line):
-    assert ended("merge", raising(error), out_of_memory="merge fewer maps") == 1
+    assert run_program("merge", raising(error), out_of_memory="merge fewer maps") == 1
     assert capsys.readouterr().err == f"{line}\n"
     with pytest.raises(type(error)):
-        ended("merge", raising(error), debug=True)
+        run_program("merge", raising(error), debug=True)
 
 
 def test_with_debug_the_systems_error_of_something_else_is_shown_as_well():
     with pytest.raises(BrokenPipeError):
-        ended("merge", raising(BrokenPipeError()), debug=True)
+        run_program("merge", raising(BrokenPipeError()), debug=True)
 
 
 def test_a_mistake_of_ours_is_not_hidden():
     with pytest.raises(ZeroDivisionError):
-        ended("merge", raising(ZeroDivisionError()))
+        run_program("merge", raising(ZeroDivisionError()))
 
 
 def printed_into(place, *words):
@@ -145,7 +145,7 @@ def test_who_has_neither_output_nor_errors_gets_the_exit_code():
 def test_a_name_that_is_no_text_can_be_printed(monkeypatch):
     stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
     monkeypatch.setattr(sys, "stdout", stream)
-    print_anything()
+    escape_output()
     stream.write("drive \udcff\n")
     stream.flush()
     assert stream.buffer.getvalue() == b"drive \\udcff\n"
@@ -155,10 +155,10 @@ def test_a_name_that_is_no_text_can_be_printed(monkeypatch):
 def test_a_message_cannot_steer_the_terminal(configured):
     code = f"""
 import logging
-from tools.command_line.program import ended
+from tools.command_line.program import run_program
 if {configured}:
     logging.basicConfig(format="%(message)s")
-ended("merge", lambda: logging.getLogger("x").warning("%s: is odd", "laser\\x1b[2J\\nmerge: all is well"))
+run_program("merge", lambda: logging.getLogger("x").warning("%s: is odd", "laser\\x1b[2J\\nmerge: all is well"))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)  # noqa: S603
     assert done.stderr == "laser\\x1b[2J\\nmerge: all is well: is odd\n"
@@ -258,10 +258,10 @@ def test_a_library_that_finds_no_memory_is_one_line(capsys):
     def work():
         raise ImportError("/lib/x.so: failed to map segment from shared object")
 
-    assert ended("merge", work, out_of_memory="merge fewer maps") == 1
+    assert run_program("merge", work, out_of_memory="merge fewer maps") == 1
     assert capsys.readouterr().err == "merge: memory has run out: merge fewer maps\n"
     with pytest.raises(ImportError, match="no module"):
-        ended("merge", lambda: (_ for _ in ()).throw(ImportError("no module named x")))
+        run_program("merge", lambda: (_ for _ in ()).throw(ImportError("no module named x")))
 
 
 @pytest.fixture
