@@ -10,17 +10,7 @@ from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, _masses
 
 
 def conjunctive(first, second):
-    """Combine two sources that are both reliable, eq. 5: m(A) = sum of m1(B) m2(C) over B and C with B & C = A.
-
-    Parameters
-    ----------
-    first, second
-        Masses (..., 4); shapes broadcast.
-
-    Returns
-    -------
-    Masses (..., 4); disagreement ends in CONFLICT.
-    """
+    """Combine two reliable sources (..., 4), eq. 5: m(A) = sum of m1(B) m2(C) over B and C with B & C = A."""
     a, b = _masses(first), _masses(second)
     combined = np.empty(np.broadcast_shapes(a.shape, b.shape))
     # In commonalities q(A) = sum of m(B) over B containing A the rule is a plain product (Smets 1990).
@@ -39,17 +29,7 @@ def conjunctive(first, second):
 
 
 def disjunctive(first, second):
-    """Combine two sources of which at least one is reliable, eq. 6: m(A) sums m1(B) m2(C) over B and C with B | C = A.
-
-    Parameters
-    ----------
-    first, second
-        Masses (..., 4); shapes broadcast.
-
-    Returns
-    -------
-    Masses (..., 4); disagreement ends in UNKNOWN.
-    """
+    """Combine sources (..., 4) with a reliable one, eq. 6: m(A) = sum of m1(B) m2(C) over B and C with B | C = A."""
     a, b = _masses(first), _masses(second)
     combined = np.empty(np.broadcast_shapes(a.shape, b.shape))
     combined[..., CONFLICT] = a[..., CONFLICT] * b[..., CONFLICT]

@@ -16,17 +16,7 @@ from tools.mapping.plan import robot_names
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a fault.
-
-    Parameters
-    ----------
-    happened
-        What the program did, for people.
-    lost
-        What was lost, for people.
-    survived
-        Whether that is right: a right result, or one clear line.
-    """
+    """What the program did about a fault, what was lost, and whether the result is right or one clear line."""
 
     happened: str
     lost: str
@@ -35,17 +25,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class FaultCase:
-    """One fault to try.
-
-    Parameters
-    ----------
-    name
-        What goes wrong, for people.
-    attempt
-        Makes the fault in an empty folder, which is its own, and runs the programs on it.
-    quick
-        Whether it belongs to the short form.
-    """
+    """A fault: its name, a function that makes it in a folder and runs the programs, and whether it is quick."""
 
     name: str
     attempt: Callable[[Path], Outcome]
@@ -59,15 +39,7 @@ def shortened(line: str) -> str:
 
 @dataclass(frozen=True)
 class ProgramRun:
-    """How a program ended.
-
-    Parameters
-    ----------
-    code
-        Its exit code.
-    stderr
-        What it said there.
-    """
+    """The exit code and the stderr of a program."""
 
     code: int
     stderr: str

@@ -19,16 +19,11 @@ _VARIABLE = "TBMSLAM_MOMENT"
 
 
 class Moment(NamedTuple):
-    """When to wait.
+    """The moment at which a program waits.
 
-    Parameters
-    ----------
-    path
-        The file that is written.
-    state
-        How much of it is on the disk under its temporary name: nothing, half or all of it; "named": it has its name.
-    signs
-        Existing folder in which `here` tells that the program waits, and `go` lets it go on.
+    It is defined by the file that is written, and by its part on the disk under its temporary name: nothing, half or
+    all of it; "named": the file has its name. In the folder `signs` the file `here` shows that the program waits, and
+    `go` lets it continue.
     """
 
     path: str

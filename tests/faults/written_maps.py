@@ -14,13 +14,7 @@ _TELLS_TIME = "report.html"
 
 
 class WrittenMaps:
-    """Bags of two robots in a flat, and `out` with maps in coarse cells over which finer ones are to be written.
-
-    Parameters
-    ----------
-    folder
-        Where all of it is put; it must not exist.
-    """
+    """Bags of two robots in a flat in a new folder, and `out` with coarse maps that finer maps are to replace."""
 
     def __init__(self, folder: Path) -> None:
         prepared = Path(_prepared().name)

@@ -46,17 +46,7 @@ FLASER 4 1.0 2.0 2.5 3.0 0.1 0.0 0.0 0.1 0.0 0.0 1.2 host 1.2
 
 
 class Border(NamedTuple):
-    """How bytes are read.
-
-    Parameters
-    ----------
-    file
-        Name that a file of these bytes has.
-    read
-        Reads the file, to the end.
-    seeds
-        Makes healthy bytes.
-    """
+    """A reader: the name of its file, a function that reads it to the end, and one that makes healthy bytes."""
 
     file: str
     read: Callable[[Path], object]
@@ -64,12 +54,9 @@ class Border(NamedTuple):
 
 
 def cross(name: str, content: bytes) -> bool:
-    """Bring bytes over a border; tell whether they were taken.
+    """Read bytes by a border, and return whether they were accepted.
 
-    Raises
-    ------
-    AssertionError
-        The refusal was not one line that names the file, or what was taken is no map.
+    Raises an AssertionError if the refusal is not one line that names the file, or if the result is not a map.
     """
     border = BORDERS[name]
     path = _folder(name) / border.file

@@ -43,16 +43,8 @@ _SILENT = (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom, ast.Assert)
 class Mutation:
     """A replacement in one line of a module.
 
-    Attributes
-    ----------
-    line : int
-        The line, counted from 1, when the mutation was drawn.
-    text : str
-        What the whole line says, so that it is found again after lines above it came or went.
-    column : int
-        Where the replaced text begins, in bytes of the line in UTF-8.
-    before, after : str
-        The text that stands there, and the text that replaces it.
+    The line has a number, counted from 1 when the mutation was drawn, and a text, by which it is found after other
+    lines moved it. The column of the replaced text is in bytes of UTF-8.
     """
 
     line: int
@@ -69,13 +61,7 @@ def mutations(source: bytes) -> list[Mutation]:
 
 
 def mutated(source: bytes, mutation: Mutation) -> bytes:
-    """Return the module with one mutation in it.
-
-    Raises
-    ------
-    ValueError
-        No line says any more what the line of the mutation said.
-    """
+    """Return the module with one mutation; raise a ValueError if no line has its text."""
     lines = source.splitlines(keepends=True)
     same = [index for index, line in enumerate(lines) if line.decode().rstrip() == mutation.text]
     if not same:

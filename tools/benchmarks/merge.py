@@ -101,7 +101,9 @@ def benchmark_merge(args: argparse.Namespace) -> None:
     print(NOTES.format(repeat=args.repeat, resolution=args.resolution))
     crew = in_fresh_process(run_crew, args.robots, args.workers) if args.robots else None
     if crew is not None:
-        tables["robots"] = ResultTable(CREW_HEAD, [_crew_row(crew)])
+        counts = (crew.robots, crew.workers, crew.merged)
+        row = [*map(str, counts), number(crew.wall_s, 1), number(crew.peak_memory_mb, 0)]
+        tables["robots"] = ResultTable(CREW_HEAD, [row])
         print(text_table(*tables["robots"]))
     finish(args, machine, tables, {"runs": runs, "crew": crew})
 
@@ -110,7 +112,10 @@ def run_merge(area: float, resolution: float, repeat: int) -> MergeRun:
     """Make a pair with a canvas of about the given area [m^2], and measure its merge."""
     for size in (_WARM_UP_M2, _floor_m2(area)):  # the first run compiles and loads
         steps, canvas = _time_chain(_pair(size, _PAPER_RESOLUTION), repeat)
-        is_right, align_cpu_s = _align(_pair(size, resolution))
+        pair, begin = _pair(size, resolution), time.process_time()
+        found = align(pair.target, pair.source)
+        align_cpu_s = time.process_time() - begin
+    is_right = found.accepted and pair.is_right(found.T_target_source)
     cells = canvas.rows * canvas.cols
     return MergeRun(cells * canvas.resolution**2, cells, *steps, align_cpu_s, is_right, peak_memory_mb())
 
@@ -160,13 +165,6 @@ def _time_chain(pair: KnownPair, repeat: int) -> tuple[tuple[float, float, float
     return (described[0], matched[0], found[0], fused[0], sum(cpu for _, cpu in steps)), fusion.grid.geometry
 
 
-def _align(pair: KnownPair) -> tuple[bool, float]:
-    """Return whether the default method accepted the true alignment, and its CPU time [s]."""
-    begin = time.process_time()
-    found = align(pair.target, pair.source)
-    return found.accepted and pair.is_right(found.T_target_source), time.process_time() - begin
-
-
 def _quickest(call: Callable[[], _R], repeat: int) -> tuple[_R, float, float]:
     """Return the result of a call, and its least wall time and CPU time [ms]."""
     least, least_cpu = math.inf, math.inf
@@ -176,11 +174,6 @@ def _quickest(call: Callable[[], _R], repeat: int) -> tuple[_R, float, float]:
         least_cpu = min(least_cpu, time.process_time() - cpu_begin)
         least = min(least, time.perf_counter() - begin)
     return result, 1e3 * least, 1e3 * least_cpu
-
-
-def _crew_row(crew: CrewRun) -> list[str]:
-    counts = (crew.robots, crew.workers, crew.merged)
-    return [*map(str, counts), number(crew.wall_s, 1), number(crew.peak_memory_mb, 0)]
 
 
 def _row(run: MergeRun) -> list[str]:

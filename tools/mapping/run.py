@@ -129,7 +129,9 @@ def _map(
         if task.name in kept:
             _print_result(task, kept[task.name], printed)
     missing = [task for task in tasks if task.name not in kept]
-    _warn_of_changes(missing)
+    for task in missing:
+        if names := changed_files(task.folder):
+            logger.warning("%s: changed since an earlier run, written again: %s", task.folder, ", ".join(names))
     done = dict(kept)
     try:
         for task, result in map_all(missing, shelf, Executor(args.workers, args.scheduler, progress)):
@@ -140,13 +142,6 @@ def _map(
             raise
         return done, failure
     return done, None
-
-
-def _warn_of_changes(tasks: Sequence[MappingTask]) -> None:
-    """Warn of changed files, which are overwritten."""
-    for task in tasks:
-        if names := changed_files(task.folder):
-            logger.warning("%s: changed since an earlier run, written again: %s", task.folder, ", ".join(names))
 
 
 def _print_result(task: MappingTask, made: Mapped, printed: set[tuple[tuple[Path, ...], str]]) -> None:
@@ -217,7 +212,8 @@ def write_truth(
     Without a given true trajectory of its recording, the default SLAM maps the whole recording as the reference. Then a
     robot that saw too little for an alignment is left out with a warning.
     """
-    fingerprint = _fingerprint([task for task, _ in made], references)
+    depends_on = [[task.fingerprint() for task, _ in made], file_digests(references.values())]
+    fingerprint = hashlib.sha256(json.dumps(depends_on).encode()).hexdigest()
     if _written(path) == fingerprint:
         return
     robots: dict[str, object] = {}
@@ -247,11 +243,6 @@ def write_truth(
         "fingerprint": fingerprint,
     }
     write_text(path, json.dumps(record, indent=2) + "\n")
-
-
-def _fingerprint(tasks: Sequence[MappingTask], references: Mapping[tuple[Path, ...], Path]) -> str:
-    record = [[task.fingerprint() for task in tasks], file_digests(references.values())]
-    return hashlib.sha256(json.dumps(record).encode()).hexdigest()
 
 
 def _written(path: Path) -> str | None:

@@ -16,14 +16,10 @@ def weighed(measured, variances, deviations):
 
 
 def taught(factors, share, slips=0.0, seed=0, config=None):
-    """Return the factors learnt in 200 keyframes from odometry that errs by some factors (3,) more than stated.
+    """Return the factors learnt in 200 keyframes from odometry with errors larger by some factors (3,) than stated.
 
-    Parameters
-    ----------
-    share
-        How much of each coordinate the scans determine against odometry as stated.
-    slips
-        Share of the motions that err by 20 deviations.
+    `share` is the part of each coordinate that the scans determine against odometry as stated, and `slips` the share of
+    motions with errors of 20 deviations.
     """
     noise, generator = OdometryNoise(config or OdometryNoiseConfig()), np.random.default_rng(seed)
     stated = np.array(noise.deviations(STEP, TURN))
