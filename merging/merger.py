@@ -24,41 +24,28 @@ from tbmslam.parallel.executor import Executor, Progress
 
 @dataclass(frozen=True, repr=False)
 class Merge:
-    """The result of a merge.
-
-    Parameters
-    ----------
-    merged
-        The merged map, in the frame of the first map that went into it; None if no two maps could be aligned.
-    poses
-        T_merged_map of every merged map.
-    alignments
-        The alignment of every aligned pair (target, source); refused ones have a reason.
-    left_out
-        The maps that were not merged, with the reasons.
-    fusion
-        The merged cells with their conflict; None if there is no merged map.
-    joint
-        The joint optimisation of the drives; None for a rigid merge.
-    used, outvoted
-        The pairs whose alignments agree with the poses, and accepted ones that do not.
-    evidence_grids
-        The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps' own:
-        rendered from short ranges, or deformed.
-    deformed
-        The deformed maps by name, which were merged instead of the given ones.
-    """
+    """The result of a merge."""
 
     merged: TbmMap | None
+    """The merged map, in the frame of the first map that went into it; None if no two maps could be aligned."""
     poses: Mapping[str, SE2]
+    """T_merged_map of every merged map."""
     alignments: Mapping[Pair, Alignment]
+    """The alignment of every aligned pair (target, source); refused ones have a reason."""
     left_out: Mapping[str, str]
+    """The maps that were not merged, with the reasons."""
     fusion: Fusion | None
+    """The merged cells with their conflict; None if there is no merged map."""
     joint: JointRefinement | None = None
+    """The joint optimisation of the drives; None for a rigid merge."""
     used: tuple[Pair, ...] = ()
     outvoted: tuple[Pair, ...] = ()
+    """The pairs whose alignments agree with the poses, and accepted ones that do not."""
     evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
+    """The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps' own:
+    rendered from short ranges, or deformed."""
     deformed: Mapping[str, TbmMap] = field(default_factory=dict)
+    """The deformed maps by name, which were merged instead of the given ones."""
 
     def __repr__(self) -> str:
         """Return which maps were merged, and why the others were not, one line each."""

@@ -21,23 +21,16 @@ _SLIVER = 1e-6
 
 
 class GridGeometry(NamedTuple):
-    """The cells of a grid in the plane: rows increase with y, columns with x.
-
-    Parameters
-    ----------
-    resolution
-        Side of a cell [m].
-    origin_x, origin_y
-        Outer corner of cell (0, 0) in the grid's frame [m].
-    rows, cols
-        Number of cells along y and x.
-    """
+    """The cells of a grid in the plane: rows increase with y, columns with x."""
 
     resolution: float
+    """Side of a cell [m]."""
     origin_x: float
     origin_y: float
+    """Outer corner of cell (0, 0) in the grid's frame [m]."""
     rows: int
     cols: int
+    """Number of cells along y and x."""
 
     def cell_at(self, x: float, y: float) -> tuple[int, int]:
         """Return (row, col) of the cell that contains a point [m]; it may lie outside the grid."""

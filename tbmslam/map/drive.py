@@ -51,28 +51,19 @@ class DriveMotions:
 
 @dataclass(frozen=True, repr=False)
 class Drive:
-    """The drive of a robot through the map.
-
-    Parameters
-    ----------
-    name
-        Name of the robot.
-    trajectory
-        Poses of the robot in the map, one for every scan that was used.
-    keyframes
-        Scans at poses of the trajectory, from which the grid can be rendered again. The trajectory may be unknown, with
-        no poses at all.
-    closures
-        Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one.
-    motions
-        Measured motions between keyframes; None if only the poses are known.
-    """
+    """The drive of a robot through the map."""
 
     name: str
+    """Name of the robot."""
     trajectory: Trajectory
+    """Poses of the robot in the map, one for every scan that was used."""
     keyframes: Keyframes
+    """Scans at poses of the trajectory, from which the grid can be rendered again. The trajectory may be unknown, with
+    no poses at all."""
     closures: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    """Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one."""
     motions: DriveMotions | None = None
+    """Measured motions between keyframes; None if only the poses are known."""
 
     def __post_init__(self) -> None:
         """Check that keyframes are on the trajectory, and that closures and motions are between keyframes."""

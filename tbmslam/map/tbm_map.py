@@ -20,21 +20,14 @@ from tbmslam.map.map_image import PixelRule, occupancy_of_image, read_image
 
 @dataclass(frozen=True, repr=False)
 class TbmMap:
-    """A map with a drive of a robot, with several drives after a merge, or with none if it was a picture.
-
-    Parameters
-    ----------
-    grid
-        The cells' masses.
-    drives
-        The drives of the map, in its frame.
-    provenance
-        Origin of the map: recording, configuration, versions; any JSON.
-    """
+    """A map with a drive of a robot, with several drives after a merge, or with none if it was a picture."""
 
     grid: TbmGrid
+    """The cells' masses."""
     drives: tuple[Drive, ...] = ()
+    """The drives of the map, in its frame."""
     provenance: Mapping[str, object] = field(default_factory=dict)
+    """Origin of the map: recording, configuration, versions; any JSON."""
 
     def __repr__(self) -> str:
         """Return its size and its drives in a line."""

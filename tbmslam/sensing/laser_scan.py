@@ -45,32 +45,23 @@ class LaserScan:
     a clockwise or upside-down laser has a negative increment. What ``ranges`` says follows REP 117: a finite value is
     a hit, ``+inf`` means that nothing was in range, and ``nan`` that the beam says nothing. The readers of `datasets`
     translate every sensor's own codes to this.
-
-    Parameters
-    ----------
-    stamp
-        Time of the first beam [s].
-    angle_min, angle_increment
-        Direction of the first beam and step between beams [rad].
-    range_min, range_max
-        Limits between which the sensor can measure [m].
-    ranges
-        Distances (N,) [m], float64.
-    time_increment
-        Time between two beams [s]; 0 if unknown.
-    beam_step
-        Motion of the laser from one beam to the next, as its pose at a beam in its frame at the beam before: beam ``i``
-        was sent from ``beam_step`` to the power of ``i``. Where it is not known, all beams count as sent at one moment.
     """
 
     stamp: float
+    """Time of the first beam [s]."""
     angle_min: float
     angle_increment: float
+    """Direction of the first beam and step between beams [rad]."""
     range_min: float
     range_max: float
+    """Limits between which the sensor can measure [m]."""
     ranges: FloatArray = field(repr=False)
+    """Distances (N,) [m], float64."""
     time_increment: float = 0.0
+    """Time between two beams [s]; 0 if unknown."""
     beam_step: SE2 = SE2(0.0, 0.0, 0.0)  # noqa: RUF009 - a tuple, which nothing can change
+    """Motion of the laser from one beam to the next, as its pose at a beam in its frame at the beam before: beam ``i``
+    was sent from ``beam_step`` to the power of ``i``. Where it is not known, all beams count as sent at one moment."""
 
     def with_ranges(self, ranges: FloatArray) -> "LaserScan":
         """Return the same scan with other ranges."""
@@ -118,24 +109,16 @@ class LaserScan:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A scan and the odometry at its stamp.
-
-    Parameters
-    ----------
-    scan
-        The scan.
-    T_odom_robot
-        Pose of the robot in its odometry frame at the scan's stamp; None if there is no odometry.
-    T_robot_sensor
-        Pose of the laser on the robot, projected to the plane (an upside-down laser shows in the scan's increment).
-    T_odom_swept
-        Pose of the robot in its odometry frame at the scan's last beam; None if unknown.
-    """
+    """A scan and the odometry at its stamp."""
 
     scan: LaserScan
+    """The scan."""
     T_odom_robot: SE2 | None
+    """Pose of the robot in its odometry frame at the scan's stamp; None if there is no odometry."""
     T_robot_sensor: SE2 = field(default_factory=SE2.identity)
+    """Pose of the laser on the robot, projected to the plane (an upside-down laser shows in the scan's increment)."""
     T_odom_swept: SE2 | None = None
+    """Pose of the robot in its odometry frame at the scan's last beam; None if unknown."""
 
     def check(self) -> None:
         """Refuse impossible numbers, from which compiled code would compute memory addresses.
