@@ -46,10 +46,7 @@ class PointCloud(NamedTuple):
 
 
 def cloud_of(message: Any) -> PointCloud:
-    """Read a sensor_msgs/PointCloud2.
-
-    Raises a `PointCloudError` if it has no fields x, y and z, or holds fewer bytes than it states.
-    """
+    """Read a sensor_msgs/PointCloud2; raise a `PointCloudError` if it lacks x, y and z, or bytes that it states."""
     order = ">" if message.is_bigendian else "<"
     fields = {
         field.name: (order + _KINDS[field.datatype], field.offset)

@@ -243,10 +243,7 @@ def known_recordings() -> Mapping[str, KnownRecording]:
 
 
 def known_recording(name: str) -> KnownRecording:
-    """Return a recording by name.
-
-    Raises a `DatasetError` if there is no recording of that name; the message states the nearest name.
-    """
+    """Return a recording by name; raise a `DatasetError` with the nearest name if there is none."""
     known = known_recordings()
     if name not in known:
         short_names = {full.rpartition("/")[2]: full for full in known}

@@ -148,10 +148,7 @@ def _entries(directory: Path) -> list[Path]:
 
 
 def file_digests(paths: Iterable[Path]) -> list[dict[str, str | int]]:
-    """Return name, size and SHA-256 of each file; a directory stands for the files in it.
-
-    Raises a `DatasetError` if a file is missing or cannot be read.
-    """
+    """Return name, size and SHA-256 of each file, also of those in directories, or raise a `DatasetError`."""
     return [_digest(file) for path in paths for file in _files(path)]
 
 

@@ -68,10 +68,7 @@ class Recording:
         self._stream = stream
 
     def __iter__(self) -> Iterator[Reading]:
-        """Yield the readings. `counts` holds this pass after its end.
-
-        Raises a `DatasetError` if the recording is damaged, or none of its scans can be used.
-        """
+        """Yield and count the readings; raise a `DatasetError` if the recording is damaged or has no usable scan."""
         counts = ReadingCounts()
         yield from self._stream(counts)
         self.counts = counts

@@ -14,10 +14,7 @@ _LONGEST_LINE = 1 << 22  # a few bytes may be decompressed to a line that fills 
 
 
 def first_bytes(path: Path, number: int = 4096) -> bytes:
-    """Return the beginning of a file, decompressed if it is compressed.
-
-    Raises a `DatasetError` if the file cannot be decompressed.
-    """
+    """Return the beginning of a file, decompressed if needed; raise a `DatasetError` if that fails."""
     try:
         with open_unpacked(path) as stream:
             return stream.read(number)
@@ -26,10 +23,7 @@ def first_bytes(path: Path, number: int = 4096) -> bytes:
 
 
 def lines_of(path: Path) -> Iterator[str]:
-    """Yield the lines of a text file, plain or compressed by gzip, bzip2 or xz; lines of many megabytes in pieces.
-
-    Raises a `DatasetError` if the file cannot be read or ends within its compressed data.
-    """
+    """Yield the lines of a text file, plain or compressed by gzip, bzip2 or xz; lines of many megabytes in pieces."""
     try:
         with _opener(path)(path, "rt", encoding="latin-1") as stream:
             while line := stream.readline(_LONGEST_LINE):

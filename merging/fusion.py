@@ -28,10 +28,7 @@ class CellSizeError(TbmSlamError):
 
 
 def check_cell_size(resolution: float) -> None:
-    """Check the side of a cell [m].
-
-    Raises a `CellSizeError` if no map has such cells.
-    """
+    """Raise a `CellSizeError` if no map has cells of this side [m]."""
     if not SMALLEST_CELL <= resolution <= LARGEST_CELL:
         raise CellSizeError(
             f"cells of {resolution:g} m are not within {SMALLEST_CELL:g} to {LARGEST_CELL:g} m: correct the "
@@ -87,10 +84,7 @@ def window_over(source: GridGeometry, T_target_source: SE2, lattice: GridGeometr
 
 
 def canvas_over(windows: list[GridGeometry]) -> GridGeometry:
-    """Return the smallest part of the windows' common lattice that covers all of them.
-
-    Raises a `ValueError` if there is no window, or if they have no common lattice.
-    """
+    """Return the smallest part of the common lattice that covers all windows; raise a `ValueError` if there is none."""
     if not windows:
         raise ValueError("windows must not be empty")
     offsets = np.array([offset_in(windows[0], window) for window in windows])
@@ -100,10 +94,7 @@ def canvas_over(windows: list[GridGeometry]) -> GridGeometry:
 
 
 def offset_in(canvas: GridGeometry, window: GridGeometry) -> tuple[int, int]:
-    """Return the (row, col) of a canvas at which a window of the same lattice begins.
-
-    Raises a `ValueError` if they have no common lattice.
-    """
+    """Return the (row, col) of a canvas at which a window begins; raise a `ValueError` without a common lattice."""
     row = (window.origin_y - canvas.origin_y) / canvas.resolution
     col = (window.origin_x - canvas.origin_x) / canvas.resolution
     same_size = math.isclose(window.resolution, canvas.resolution, rel_tol=1e-6)

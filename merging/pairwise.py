@@ -78,10 +78,7 @@ class PreparedMaps:
         self._prepared: dict[tuple[str, float], PreparedMap | None] = {}
 
     def of_pair(self, pair: Pair) -> tuple[PreparedMap | None, PreparedMap | None]:
-        """Return the target and the source of a pair at one resolution; None for a map without known cells.
-
-        Raises a `CellSizeError` if the resolution is impossible, or a map is far too large for it.
-        """
+        """Return target and source at one resolution, None without known cells, or raise a `CellSizeError`."""
         target, source = pair
         resolution = comparison_resolution([self._grids[target], self._grids[source]], self._config)
         return self._at(target, resolution), self._at(source, resolution)
@@ -94,10 +91,7 @@ class PreparedMaps:
 
 
 def prepared_by_name(name: str, grid: TbmGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:
-    """Prepare a map as `merging.rigid_alignment.prepared`; an error names the map.
-
-    Raises a `CellSizeError` if the map is far too large for the resolution.
-    """
+    """Prepare a map as `merging.rigid_alignment.prepared`; a `CellSizeError` names the map."""
     try:
         return prepared(grid, resolution, config)
     except CellSizeError as error:

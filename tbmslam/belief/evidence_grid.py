@@ -27,10 +27,7 @@ class GridTooLargeError(TbmSlamError):
 
 
 def check_size(rows: int, cols: int, resolution: float, max_cells: int) -> None:
-    """Refuse a grid of more than `max_cells` cells.
-
-    Raises a `GridTooLargeError` if the grid has more cells.
-    """
+    """Raise a `GridTooLargeError` if the grid has more cells than allowed."""
     if rows * cols > max_cells:
         raise GridTooLargeError(
             f"the map would grow to {rows} x {cols} cells of {resolution} m, more than the limit of "

@@ -37,10 +37,7 @@ def changed(config: Config, changes: Mapping[str, object], source: str = "config
 
 
 def parse_setting(text: str) -> dict[str, object]:
-    """Return the change of a text like ``map.resolution=0.1``, with a value of TOML or a bare word.
-
-    Raises a `ConfigError` if the text has another form.
-    """
+    """Return the change of a text like ``map.resolution=0.1``, of TOML or a bare word, or raise a `ConfigError`."""
     path, equals, value_text = text.partition("=")
     keys = [key.strip() for key in path.split(".")]
     if not equals or not all(keys):

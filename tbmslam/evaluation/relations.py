@@ -137,10 +137,7 @@ class RelationErrors:
 
 
 def read_relations(path: Path) -> Relations:
-    """Read lines ``t1 t2 x y z roll pitch yaw``; ``#`` begins a comment.
-
-    Raises a `RelationsError` if the file cannot be read or has other columns.
-    """
+    """Read lines ``t1 t2 x y z roll pitch yaw`` with ``#`` comments; raise a `RelationsError` if that is impossible."""
     if why := why_unreadable(path):
         raise RelationsError(f"{path}: {why}: give a file of relations")
     try:

@@ -28,10 +28,7 @@ _HEAD_BYTES, _BYTES_A_CELL = 1 << 16, 16
 
 
 def read_beesoft_map(path: str | os.PathLike[str]) -> TbmGrid:
-    """Read a building map; cell (0, 0) has its corner at the origin.
-
-    Raises a `MapFileError` if the file is missing, cut off, damaged, or of another format.
-    """
+    """Read a building map with cell (0, 0) at the origin; raise a `MapFileError` if the file is no such map."""
     path = Path(path)
     text = _text(path)
     size, resolution = _SIZE.search(text), _RESOLUTION.search(text)

@@ -61,10 +61,7 @@ class MapFileError(TbmSlamError):
 
 
 def check_file(path: str | os.PathLike[str]) -> None:
-    """Check a path before it is opened, since reading a device or a pipe may never end.
-
-    Raises a `MapFileError` if it is a device, a pipe or an empty file. Missing files pass.
-    """
+    """Raise a `MapFileError` for an empty file, or a device or pipe, whose reading may never end."""
     if why := why_unreadable(Path(path)):
         raise MapFileError(f"{path}: {why}: give a map's folder or file")
 
@@ -96,10 +93,7 @@ def check_geometry(path: str | os.PathLike[str], geometry: GridGeometry) -> None
 
 
 def check_size(path: str | os.PathLike[str], rows: int, cols: int) -> None:
-    """Check a size that a file declares.
-
-    Raises a `MapFileError` if there are no cells, or too many for a plausible map or for this machine.
-    """
+    """Raise a `MapFileError` if there are no cells, or too many for a plausible map or for this machine."""
     if rows < 1 or cols < 1:
         raise MapFileError(f"{path}: a map of {rows} x {cols} cells is empty: make it again")
     if rows * cols > MAX_CELLS:

@@ -70,10 +70,7 @@ def split_by_time(itinerary: Itinerary, robots: int, overlap: float) -> list[Seg
 
 
 def split_at_gaps(itinerary: Itinerary, gap_s: float) -> list[Segment]:
-    """Begin a new robot after each gap of more than `gap_s` seconds.
-
-    Raises a `SegmentationError` if most readings would each be a robot.
-    """
+    """Begin a new robot after each gap [s]; raise a `SegmentationError` if most readings would each be a robot."""
     if not gap_s > 0.0:
         raise ValueError(f"gap_s must be positive, got {gap_s}")
     count, steps = len(itinerary.stamps), _time_steps(itinerary.stamps)

@@ -38,10 +38,7 @@ logger = logging.getLogger(__name__)
 
 
 def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> Iterator[tuple[MappingTask, Mapped]]:
-    """Map robots and yield their results in order.
-
-    What fails does not keep the others from being mapped.
-    """
+    """Map robots and yield their results in order; failures do not prevent the mapping of the others."""
     failures: dict[str, TbmSlamError] = {}
     step = "" if executor.is_serial(len(tasks)) else "mapping"  # each robot shows its own steps in this process
     with closing(executor.outcomes(_calls(tasks, shelf, executor), step, "robots")) as results:
