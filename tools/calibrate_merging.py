@@ -16,6 +16,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tools.command_line.options import number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
 
@@ -42,10 +43,7 @@ STRANGERS_SEED = 1
 
 def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
-    grammar = _parser()
-    args = grammar.parse_args(argv)
-    if args.workers < 1:
-        grammar.error(f"--workers must be positive, got {args.workers}")
+    args = _parser().parse_args(argv)
     return run_program("calibrate_merging", lambda: _run(args), debug=args.debug)
 
 
@@ -69,7 +67,9 @@ def _parser() -> ProgramParser:
     )
     grammar.add_argument("-o", "--out", type=path_argument, metavar="FILE", help="write the fitted model here")
     grammar.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the calibration here")
-    grammar.add_argument("--workers", type=int, default=2, metavar="N", help="processes; the result is the same (2)")
+    grammar.add_argument(
+        "--workers", type=number_within(int, 1), default=2, metavar="N", help="processes; the result is the same (2)"
+    )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 

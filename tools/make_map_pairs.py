@@ -6,12 +6,14 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
     handle_interruption("make_map_pairs")
 
 import argparse
+import math
 import re
 import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tools.command_line.options import number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
 
@@ -28,7 +30,8 @@ EXAMPLES = """examples:
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
 PERCENT = (100, 75, 50, 35, 25, 15)
-_MOST_M2, _MOST_PARTS = 1e5, 1000
+_AREA, _SIZE, _PERCENT = number_within(float, 1, 1e5), number_within(float, 1e-6), number_within(int, 1, 100)
+_SEED, _PARTS = number_within(int, 0), number_within(int, 0, 1000)
 _MOST_BEND_M = 2.0
 """Largest deformation over 20 m [m]; beyond it the inverse is not exact to a cell."""
 
@@ -37,19 +40,10 @@ def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     grammar = _parser()
     args = grammar.parse_args(argv)
-    for option, number in (("area", args.area), ("lattice", args.lattice)):
-        if number is not None and not 1.0 <= number <= _MOST_M2:
-            grammar.error(f"--{option} must lie within 1 and {_MOST_M2:.0e} m2, got {number}")
     if not all(re.fullmatch(r"[\w.-]*\w=.+", floor) and "_" not in floor.partition("=")[0] for floor in args.floor):
         grammar.error(
             f"--floor must be NAME=PATH with a name of letters, digits, dots and dashes, got {' '.join(args.floor)}"
         )
-    if min(args.seeds) < 0 or not 0 <= args.parts <= _MOST_PARTS or not args.largest > 0.0:
-        grammar.error(f"--seeds must not be negative, --parts within 0 and {_MOST_PARTS}, --largest positive")
-    if args.bend is not None and not 0.0 < args.bend <= _MOST_BEND_M:
-        grammar.error(f"--bend must lie within 0 and {_MOST_BEND_M:g} m, got {args.bend:g}")
-    if not all(1 <= percent <= 100 for percent in args.overlap):
-        grammar.error(f"--overlap must lie within 1 and 100 percent, got {args.overlap}")
     return run_program("make_map_pairs", lambda: _write(args), debug=args.debug)
 
 
@@ -58,22 +52,20 @@ def _parser() -> argparse.ArgumentParser:
     grammar.add_argument("-o", "--out", type=path_argument, required=True, metavar="FOLDER", help="where the pairs go")
     what = grammar.add_argument_group("buildings")
     what.add_argument("--world", nargs="+", choices=KINDS, help="kinds of simulated buildings (all; none with --floor)")
-    what.add_argument("--seeds", nargs="+", type=int, default=[0], metavar="N", help="seeds of these buildings (0)")
+    what.add_argument("--seeds", nargs="+", type=_SEED, default=[0], metavar="N", help="seeds of these buildings (0)")
     what.add_argument(
         "--floor", nargs="+", default=[], metavar="NAME=PATH", help="real maps: the first map of a pair, or any map"
     )
     what.add_argument(
-        "--lattice", type=float, metavar="M2",
+        "--lattice", type=_AREA, metavar="M2",
         help="also floors of this area with repeating blocks, one for each seed; only these without --world",
     )  # fmt: skip
-    what.add_argument("--area", type=float, metavar="M2", help="free area of the part of each building (all of it)")
-    what.add_argument("--parts", type=int, default=0, metavar="N", help="also its mirror image and N parts of it")
-    what.add_argument(
-        "--largest", type=float, default=float("inf"), metavar="M2", help="largest known area of a pair (no limit)"
-    )
-    what.add_argument("--overlap", nargs="+", type=int, default=PERCENT, metavar="PERCENT", help="of the two maps")
+    what.add_argument("--area", type=_AREA, metavar="M2", help="free area of the part of each building (all of it)")
+    what.add_argument("--parts", type=_PARTS, default=0, metavar="N", help="also its mirror image and N parts of it")
+    what.add_argument("--largest", type=_SIZE, default=math.inf, metavar="M2", help="largest known area of a pair")
+    what.add_argument("--overlap", nargs="+", type=_PERCENT, default=PERCENT, metavar="PERCENT", help="of the two maps")
     grammar.add_argument(
-        "--bend", type=float, metavar="M",
+        "--bend", type=number_within(float, 1e-6, _MOST_BEND_M), metavar="M",
         help="distort each map by this over tens of metres, and move all objects (2 to 6 cm, and some objects)",
     )  # fmt: skip
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")

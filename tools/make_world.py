@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tools.command_line.options import number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
 
@@ -65,7 +66,7 @@ def parser(program: str = "make_world") -> argparse.ArgumentParser:
 def _add_world(world: argparse._ArgumentGroup) -> None:
     world.add_argument("--world", choices=WORLDS, default="office", help="kind of building (office)")
     world.add_argument("--seed", type=int, default=0, help="seed of the building, the drives and all noise (0)")
-    world.add_argument("--drive-seed", type=int, metavar="SEED", help="another seed for the drives and the noise")
+    world.add_argument("--drive-seed", type=number_within(int, 0), help="another seed for the drives and the noise")
     world.add_argument("--robots", type=int, default=1, metavar="N", help="number of robots (1)")
     world.add_argument("--length", type=float, metavar="M", help="length of each drive (enough to see everything)")
     world.add_argument("--duration", type=float, metavar="S", help="longest duration of a drive")
@@ -106,8 +107,6 @@ def main(argv: list[str] | None = None, program: str = "make_world") -> int:
         grammar.error("--compression is for ROS 1 bags; drop it or --format mcap")
     if 0.0 < args.no_return <= args.range_max:
         grammar.error(f"--no-return must differ from every range that the laser may measure, got {args.no_return:g}")
-    if args.drive_seed is not None and args.drive_seed < 0:
-        grammar.error(f"--drive-seed must not be negative, got {args.drive_seed}")
     return run_program(program, lambda: _run(grammar, args), debug=args.debug)
 
 

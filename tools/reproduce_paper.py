@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tools.command_line.options import comma_separated, number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
 from tools.make_world import WORLDS
@@ -34,7 +35,13 @@ EXAMPLES = """examples:
       existing maps (a folder that build_maps wrote, with its truth.json)
 """
 
-_MOST, _FAR = 1000, 1e6
+_PLURAL, _PAIRS, _SHARE = number_within(int, 2, 1000), number_within(int, 1, 16), number_within(float, 0, 1)
+_OVERLAP, _CELL, _POSITIVE = (
+    number_within(float, 0, 0.9),
+    number_within(float, 1e-3, 10),
+    number_within(float, 1e-6, 1e6),
+)
+_COUNTS, _NUMBERS = comma_separated(number_within(int, 1)), comma_separated(_POSITIVE)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -50,25 +57,25 @@ def parser() -> argparse.ArgumentParser:
     maps = grammar.add_argument_group("maps")
     maps.add_argument("--maps", type=path_argument, metavar="DIR", help="use maps that build_maps wrote")
     maps.add_argument("--world", choices=WORLDS, default="office", help="kind of the simulated building (office)")
-    maps.add_argument("--seed", type=int, default=1, help="seed of the building and the drives (1)")
-    maps.add_argument("--drives", type=int, default=5, metavar="N", help="number of simulated drives (5)")
-    maps.add_argument("--duration", type=float, metavar="S", help="longest duration of a simulated drive")
-    maps.add_argument("--robots", type=int, default=5, metavar="N", help="robots that recordings are cut into (5)")
-    maps.add_argument("--overlap", type=float, default=0.8, metavar="F", help="common share of neighbours' paths (0.8)")
-    maps.add_argument("--preset", default="viny", help="preset of the SLAM (viny, as in the paper)")
+    maps.add_argument("--seed", type=number_within(int, 0), default=1, help="seed of the building and the drives (1)")
+    maps.add_argument("--drives", type=_PLURAL, default=5, metavar="N", help="number of simulated drives (5)")
+    maps.add_argument("--duration", type=_POSITIVE, metavar="S", help="longest duration of a simulated drive")
+    maps.add_argument("--robots", type=_PLURAL, default=5, metavar="N", help="robots that recordings are cut into (5)")
     maps.add_argument(
-        "--resolution", type=float, default=0.1, metavar="M", help="side of a cell (0.1, as in the paper)"
+        "--overlap", type=_OVERLAP, default=0.8, metavar="F", help="common share of two robots' paths (0.8)"
     )
-    experiments = grammar.add_argument_group("experiments")
-    experiments.add_argument("--pairs", type=int, default=10, metavar="N", help="largest number of pairs, to 16 (10)")
-    experiments.add_argument("--min-overlap", type=float, default=0.25, metavar="F", help="of the smaller map (0.25)")
-    experiments.add_argument("--tolerance", type=float, default=0.5, metavar="M", help="error of a right match (0.5)")
-    experiments.add_argument("--keypoints", default="100,500,1000,2500,5000", metavar="N,...", help="rows of table II")
-    experiments.add_argument("--ratios", default="0.5,0.6,0.7,0.8", metavar="R,...", help="rows of table II")
-    experiments.add_argument("--areas", default="4125,4900,5625,8700,12100,13200", metavar="M2,...", help="of table IV")
-    experiments.add_argument(
-        "--repeat", type=int, default=10, metavar="N", help="timed runs of each pair, 2 or more (10)"
+    maps.add_argument("--preset", type=_preset, default="viny", help="preset of the SLAM (viny, as in the paper)")
+    maps.add_argument(
+        "--resolution", type=_CELL, default=0.1, metavar="M", help="side of a cell (0.1, as in the paper)"
     )
+    paper = grammar.add_argument_group("experiments")
+    paper.add_argument("--pairs", type=_PAIRS, default=10, metavar="N", help="largest number of pairs, to 16 (10)")
+    paper.add_argument("--min-overlap", type=_SHARE, default=0.25, metavar="F", help="of the smaller map (0.25)")
+    paper.add_argument("--tolerance", type=_POSITIVE, default=0.5, metavar="M", help="error of a right match (0.5)")
+    paper.add_argument("--keypoints", type=_COUNTS, default="100,500,1000,2500,5000", help="rows of table II")
+    paper.add_argument("--ratios", type=_NUMBERS, default="0.5,0.6,0.7,0.8", help="rows of table II")
+    paper.add_argument("--areas", type=_areas, default="4125,4900,5625,8700,12100,13200", help="of table IV [m2]")
+    paper.add_argument("--repeat", type=_PLURAL, default=10, metavar="N", help="timed runs of each pair (10)")
     return grammar
 
 
@@ -76,39 +83,22 @@ def main(argv: list[str] | None = None) -> int:
     """Run the program; return its exit code."""
     grammar = parser()
     args = grammar.parse_args(argv)
-    try:
-        _check(args)
-    except ValueError as error:
-        grammar.error(str(error))
+    if args.maps is not None and args.recordings:
+        grammar.error("--maps replaces recordings: give one of them")
     words = sys.argv[1:] if argv is None else argv
     return run_program("reproduce_paper", lambda: _reproduce(args, words), debug=args.debug)
 
 
-def _check(args: argparse.Namespace) -> None:
-    """Parse and check the options."""
-    for option, number in (("keypoints", int), ("ratios", float), ("areas", float)):
-        text = getattr(args, option)
-        try:
-            setattr(args, option, tuple(number(word) for word in text.split(",") if word))
-        except ValueError:
-            raise ValueError(f"--{option} must be numbers with commas between, got {text!r}") from None
-    if not args.keypoints or not args.ratios:
-        raise ValueError("--keypoints and --ratios must hold a number at least")
-    if not 1 <= args.pairs <= 16 or not 2 <= args.repeat <= _MOST or not min(args.drives, args.robots) >= 2:
-        raise ValueError(f"--pairs must be within 1 and 16, --repeat within 2 and {_MOST}, --drives and --robots too")
-    if max(args.drives, args.robots) > _MOST or args.seed < 0:
-        raise ValueError(f"--drives and --robots must be at most {_MOST}, --seed not negative")
-    numbers = (*args.keypoints, *args.ratios, *args.areas, args.tolerance, args.duration or 1.0)
-    if not all(0.0 < number <= _FAR for number in numbers):
-        raise ValueError(f"--keypoints, --ratios, --areas, --tolerance and --duration must be within 0 and {_FAR:.0e}")
-    if not 0.001 <= args.resolution <= 10.0 or not 0.0 <= args.overlap <= 0.9 or not 0.0 <= args.min_overlap <= 1.0:
-        raise ValueError("--resolution must be within 0.001 and 10 m, --overlap 0 and 0.9, --min-overlap 0 and 1")
+def _areas(text: str) -> list[float]:
+    return _NUMBERS(text) if text else []
+
+
+def _preset(text: str) -> str:
     from tbmslam.configuration.slam_config import PRESETS
 
-    if args.preset not in PRESETS:
-        raise ValueError(f"--preset: there is no {args.preset!r}; there are {', '.join(PRESETS)}")
-    if args.maps is not None and args.recordings:
-        raise ValueError("--maps replaces recordings: give one of them")
+    if text not in PRESETS:
+        raise argparse.ArgumentTypeError(f"there is no {text!r}; there are {', '.join(PRESETS)}")
+    return text
 
 
 def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
@@ -148,7 +138,13 @@ def _settings(args: argparse.Namespace) -> "PaperSettings":
     default_keypoints = 1000 if 1000 in args.keypoints else args.keypoints[0]
     default_ratio = 0.7 if 0.7 in args.ratios else args.ratios[0]
     return PaperSettings(
-        args.keypoints, args.ratios, default_keypoints, default_ratio, args.tolerance, args.areas, args.repeat
+        keypoints=tuple(args.keypoints),
+        ratios=tuple(args.ratios),
+        default_keypoints=default_keypoints,
+        default_ratio=default_ratio,
+        tolerance_m=args.tolerance,
+        areas_m2=tuple(args.areas),
+        repeats=args.repeat,
     )
 
 

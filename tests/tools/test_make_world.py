@@ -73,7 +73,7 @@ def test_worlds_offered_are_worlds_built():
         (["--robots", "1000000"], "robots must be at least 1 and at most 1000, got 1000000"),
         (["--rate", "inf"], "rate must be at most 10000 Hz"),
         (["--no-return", "1"], "--no-return must differ from every range that the laser may measure, got 1"),
-        (["--drive-seed", "-1"], "--drive-seed must not be negative, got -1"),
+        (["--drive-seed", "-1"], "--drive-seed: must be a whole number of at least 0, got '-1'"),
         ([*SHORT, "--fault", "people@60"], "--fault people must begin within the 3.0 s of robot_0, got 60"),
         (["-o", ""], "the name of a file is empty: is a variable of the shell unset?"),
         (["--beams", "0"], "beams must be positive, got 0"),

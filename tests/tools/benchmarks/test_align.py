@@ -198,7 +198,7 @@ def test_a_floor_that_is_not_there_is_an_error(tmp_path, capsys):
 def test_the_fit_needs_a_process(capsys):
     with pytest.raises(SystemExit):
         calibrate_merging.main(["x", "--workers", "0"])
-    assert "--workers must be positive, got 0" in capsys.readouterr().err
+    assert "--workers: must be a whole number of at least 1, got '0'" in capsys.readouterr().err
 
 
 def test_nothing_to_fit_on_is_an_error(tmp_path, capsys):
