@@ -1,6 +1,7 @@
 """Options that several programs have: about recordings, parameters and the viewer."""
 
 import argparse
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -57,9 +58,10 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         "--no-return", choices=("free", "drop"), help="whether beams without return clear space (as in the preset)"
     )
     scans.add_argument(
-        "--no-return-code", type=float, action="append", metavar="M", help="range that means no return; repeatable"
-    )
-    scans.add_argument("--gap", type=float, metavar="S", help="longer pauses are counted as gaps (2)")
+        "--no-return-code", dest="no_return_codes", type=float, action="append", metavar="M",
+        help="range that means no return; may be repeated",
+    )  # fmt: skip
+    scans.add_argument("--gap", dest="gap_s", type=float, metavar="S", help="longer pauses are counted as gaps (2)")
     _add_odometry_options(parser)
 
 
@@ -69,12 +71,11 @@ def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
     odometry.add_argument("--odometry", choices=("auto", "tf", "topic", "none"), help="source of the odometry (auto)")
     odometry.add_argument("--odometry-topic", metavar="TOPIC", help="topic of Odometry messages")
     odometry.add_argument(
-        "--odometry-scale",
-        type=float,
-        metavar="F",
-        help="factor of the lengths of the odometry; 0.001: millimetres (1)",
+        "--odometry-scale", type=float, metavar="F", help="factor of the odometry's lengths; 0.001: millimetres (1)"
     )
-    odometry.add_argument("--tf-topic", action="append", metavar="TOPIC", help="topic of transforms; may be repeated")
+    odometry.add_argument(
+        "--tf-topic", dest="tf_topics", action="append", metavar="TOPIC", help="topic of transforms; may be repeated"
+    )
     odometry.add_argument("--odom-frame", metavar="FRAME", help="frame of the odometry")
     odometry.add_argument("--robot-frame", metavar="FRAME", help="frame of the robot")
     odometry.add_argument(
@@ -89,8 +90,9 @@ def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
         "--clock-offset", type=float, metavar="S", help="offset from stamps of scans to those of odometry (detected)"
     )
     odometry.add_argument(
-        "--max-odometry-gap", type=float, metavar="S", help="longest gap over which odometry is interpolated (5)"
-    )
+        "--max-odometry-gap", dest="max_odometry_gap_s", type=float, metavar="S",
+        help="longest gap over which odometry is interpolated (5)",
+    )  # fmt: skip
 
 
 def options_from(args: argparse.Namespace) -> "RecordingOptions":
@@ -113,33 +115,16 @@ def _scan_topics(args: argparse.Namespace) -> dict[str, str]:
 
 def given_options(args: argparse.Namespace) -> dict[str, Any]:
     """Return the given options about recordings by their names in `RecordingOptions`."""
+    from datasets.options import RecordingOptions
     from tbmslam.geometry.se2 import SE2
 
-    pose = args.sensor_pose
-    values = {
-        "profile": args.profile,
-        "scan_topic": _scan_topics(args).get(""),
-        "laser_frame": args.laser_frame,
-        "odometry": args.odometry,
-        "odometry_topic": args.odometry_topic,
-        "tf_topics": tuple(args.tf_topic) if args.tf_topic else None,
-        "odom_frame": args.odom_frame,
-        "robot_frame": args.robot_frame,
-        "sensor_pose": SE2(pose[0], pose[1], math.radians(pose[2])) if pose else None,
-        "upside_down": args.upside_down,
-        "cloud_heights": tuple(args.cloud_heights) if args.cloud_heights else None,
-        "angle_step_deg": args.angle_step_deg,
-        "range_min": args.range_min,
-        "range_max": args.range_max,
-        "range_offset": args.range_offset,
-        "no_return": args.no_return,
-        "no_return_codes": tuple(args.no_return_code) if args.no_return_code else None,
-        "odometry_scale": args.odometry_scale,
-        "clock_offset": args.clock_offset,
-        "gap_s": args.gap,
-        "max_odometry_gap_s": args.max_odometry_gap,
-    }
-    return {name: value for name, value in values.items() if value is not None}
+    given = {field.name: getattr(args, field.name) for field in dataclasses.fields(RecordingOptions)}
+    given["scan_topic"] = _scan_topics(args).get("")
+    if args.sensor_pose:
+        x, y, degrees = args.sensor_pose
+        given["sensor_pose"] = SE2(x, y, math.radians(degrees))
+    lists_as_tuples = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+    return {name: value for name, value in lists_as_tuples.items() if value is not None}
 
 
 def add_configuration_options(parser: argparse.ArgumentParser, example: str, *, printing: bool = True) -> None:
