@@ -197,7 +197,7 @@ class KnownRecording:
     """A public recording."""
 
     name: str
-    """As `stata/2011-01-24-06-18-27`."""
+    """Name, such as `stata/2011-01-24-06-18-27`."""
     addresses: tuple[str, ...]
     """Addresses of its files, the recording first."""
     license: str
@@ -207,7 +207,7 @@ class KnownRecording:
     options: str
     """Options that build_maps needs to read it."""
     truth: str
-    """Where its ground truth is, if it is not among its files."""
+    """Address of its ground truth, if that is not among its files."""
     about: str
     """A short description."""
     megabytes: float | None

@@ -105,9 +105,8 @@ _ROS_2 = (".db3", ".mcap", ".zstd")
 def list_recordings(paths: Iterable[Path]) -> list[Path]:
     """Return recordings with those in directories, by name, in the place of the directories.
 
-    A ROS 2 bag is a directory too and stays one; directories in directories are not entered but where they are such
-    bags. Raises a `DatasetError` if a directory holds no recording, or cannot be read, or a path leads to a device or a
-    pipe.
+    A ROS 2 bag is itself a directory. Other directories in a directory are ignored. Raises a `DatasetError` if a
+    directory holds no recording or cannot be read, or if a path leads to a device or a pipe.
     """
     return [found for path in paths for found in _recordings_at(path)]
 

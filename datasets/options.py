@@ -1,4 +1,4 @@
-"""How a recording is to be read: every automatic choice can be overridden here."""
+"""Options of reading a recording, which replace automatic choices."""
 
 import math
 from dataclasses import dataclass

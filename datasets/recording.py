@@ -49,7 +49,7 @@ class Recording:
     Parameters
     ----------
     name
-        Short name for people and files.
+        Short name for messages and files.
     stream
         Starts a pass: yields the readings and fills the counts it is given.
     description

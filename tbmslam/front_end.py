@@ -29,7 +29,7 @@ class Placement(NamedTuple):
     """A reading with its pose."""
 
     reading: Reading
-    """As it was measured."""
+    """The measured scan."""
     scan: LaserScan
     """Its scan, without the motion of the robot while the laser turned."""
     prior: PosePrior

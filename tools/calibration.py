@@ -141,9 +141,9 @@ class Trial:
     decoys: Sequence[Evidence]
     """Evidence for each candidate pose (K,), and for poses of the mirror image."""
     right: BoolArray
-    """Which candidates (K,) are right."""
+    """Whether each candidate (K,) is right."""
     near: BoolArray
-    """Which candidates (K,) are near the true pose, with a larger tolerance of the rotation. The model is fitted to
+    """Whether each candidate (K,) is near the true pose, with a larger tolerance of rotation. The model is fitted to
     these, since it distinguishes places and not the accuracy of their poses."""
     weight: float = 1.0
     """Weight of the pair in the fit."""

@@ -161,7 +161,7 @@ def choose_frames(graph: FrameGraph, sensor: str, options: RecordingOptions) -> 
 
 
 def find_robot_frame(graph: FrameGraph, sensor: str, options: RecordingOptions, hint: str | None) -> str | None:
-    """Return the frame whose pose an odometry topic gives: the one asked for, the topic's own, or the usual name."""
+    """Return the frame whose pose an odometry topic states: the requested one, the topic's own, or the usual name."""
     if options.robot_frame:
         return plain(options.robot_frame)
     if hint and graph.path(plain(hint), sensor) is not None:

@@ -123,7 +123,7 @@ _MOST_WAITING = 5000
 
 
 class Motion(Protocol):
-    """Where the robot was, and where the laser sits on it."""
+    """Pose of the robot, and mount of the laser on it."""
 
     def histories(self) -> list[PoseHistory]:
         """Return the recorded poses that must reach a stamp before it can be answered."""

@@ -64,7 +64,7 @@ def _parts(name: str) -> list[str]:
 
 _PIECE = 1 << 20  # bytes that are unpacked at a time
 _folders: dict[int, tempfile.TemporaryDirectory[str]] = {}
-"""Where this process unpacks, by its number; removed when it ends."""
+"""Folder of unpacked files by the number of the process; removed at its end."""
 _known: dict[tuple[str, int, int], "UnpackedFile"] = {}
 
 
@@ -74,7 +74,7 @@ class UnpackedFile(NamedTuple):
     path: Path
     """The file itself if it is not compressed, else a temporary file that is removed when the program ends."""
     damage: str | None = None
-    """What is wrong with the packing: the file ends where that shows."""
+    """Damage of the compressed data, at which the file ends."""
 
 
 def unpacked(path: Path) -> UnpackedFile:

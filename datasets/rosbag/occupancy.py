@@ -27,7 +27,7 @@ TOPIC, FRAME = "/map", "map"
 _TYPE = "nav_msgs/msg/OccupancyGrid"
 
 _FOREVER = QosTime(9223372036, 854775807)
-"""How ROS 2 writes that a time has no end (`RMW_DURATION_INFINITE`)."""
+"""An unlimited time in ROS 2 (`RMW_DURATION_INFINITE`)."""
 _LATCHED = Qos(
     history=QosHistory.KEEP_LAST,
     depth=1,

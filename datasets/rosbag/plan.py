@@ -50,7 +50,7 @@ class Plan:
     sensor_pose: SE2 | None
     """T_robot_sensor to use instead of the path."""
     clock: ClockFinding
-    """How the clocks of scans and odometry compare."""
+    """Comparison of the clocks of scans and odometry."""
     unset_lags: tuple[float, float] = (0.0, 0.0)
     """Bag time minus the assumed stamp of scans and of odometry with unset stamps [s]."""
     doubts: tuple[str, ...] = ()

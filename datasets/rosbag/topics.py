@@ -1,4 +1,4 @@
-"""Which topics of a bag are read."""
+"""Choice of the topics of a bag."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
@@ -109,7 +109,7 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
 
 
 def _transforms(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[str, ...]:
-    """Return the topics of transforms: those asked for, or the robot's."""
+    """Return the topics of transforms: the requested ones, or those of the robot."""
     if options.tf_topics is not None:
         return tuple(_named(files, name, TF_TYPES, "--tf-topic").name for name in options.tf_topics)
     filled = [topic.name for topic in files.of_type(*TF_TYPES) if topic.messages]
@@ -144,7 +144,7 @@ def _odometry_topics(files: BagFiles, options: RecordingOptions, scan: str) -> t
 
 
 def _named(files: BagFiles, name: str, msgtypes: tuple[str, ...], option: str) -> Topic:
-    """Return the topic that was asked for, whether or not a leading slash was given."""
+    """Return the requested topic, with or without its leading slash."""
     for topic in files.topics.values():
         if topic.name.strip("/") == name.strip("/"):
             if topic.msgtype not in msgtypes:

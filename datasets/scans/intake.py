@@ -83,7 +83,7 @@ class CleanScan(NamedTuple):
     """A scan with clean ranges."""
 
     ranges: FloatArray
-    """As in `LaserScan`, (N,) [m]; a copy of its own."""
+    """A copy of the ranges (N,) as in `LaserScan` [m]."""
     range_min: float
     range_max: float
     """Limits [m]."""

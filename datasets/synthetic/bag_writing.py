@@ -121,7 +121,7 @@ SCAN_TOPIC, CLOUD_TOPIC, ODOMETRY_TOPIC = "/base_scan", "/points", "/base_odomet
 ODOM_FRAME, ROBOT_FRAME, LASER_FRAME = "odom_combined", "base_footprint", "base_laser_link"
 
 NO_RETURN = 65.533
-"""What a Hokuyo's driver puts where nothing came back [m]; above any range_max."""
+"""Range without a return by the driver of Hokuyo lasers [m]; above any range_max."""
 
 _SCAN_DELAY, _TRANSFORM_DELAY = 30_000_000, 1_000_000  # from a stamp to the recording of its message [ns]
 _MOUNT_EVERY = 5  # ROS 1: the laser's mount is repeated with every fifth odometry sample, 10 Hz

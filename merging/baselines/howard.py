@@ -1,4 +1,4 @@
-"""Howard: robots that meet measure their relative pose, which gives the transform of their maps.
+"""Howard's method: two robots measure their relative pose when they meet, which gives the transform of their maps.
 
 A. Howard, "Multi-robot simultaneous localization and mapping using particle filters", IJRR 2006. An encounter gives the
 relative pose of two robots, and each robot's readings enter the common map from there, forward and backward in

@@ -46,7 +46,7 @@ class VoronoiDiagram:
     points: Points
     """Its cells (N,)."""
     probabilities: FloatArray
-    """Of being free (N,)."""
+    """Probability (N,) of free space."""
     clearances_m: FloatArray
     """Distances to the nearest wall (N,) [m]."""
 

@@ -32,7 +32,7 @@ class GraphConfig(FrozenConfig):
 
 
 class RetrievalConfig(FrozenConfig):
-    """Which pairs of many maps are aligned."""
+    """Selection of the pairs of many maps that are aligned."""
 
     # With rounds, one of 24 maps of three real drives was not joined: the pairs that join it overlap little and are
     # not similar.

@@ -9,7 +9,7 @@ from tbmslam.kernels.grids.walls import FACING, Limits
 from tbmslam.map.map_check import MAX_DISTANCE, MAX_TURN
 
 Descriptor = Literal["concatenated", "and", "or", "xor", "pignistic"]
-"""How the descriptors of a keypoint in two images of a map become one."""
+"""Combination of the descriptors of a keypoint in several images of a map."""
 
 
 class FeatureConfig(FrozenConfig):
@@ -36,7 +36,7 @@ class ConsensusConfig(FrozenConfig):
 
 
 class StructureConfig(FrozenConfig):
-    """Which cells are walls, which are free, and which walls are movable objects."""
+    """Criteria for walls, free cells, and movable objects."""
 
     min_wall_mass: Share = Field(0.1, description="least occupied mass of a wall; less may be blur beside it")
     min_speck_m: float = Field(0.2, ge=0, description="least length of a connected piece; less may be a person [m]")

@@ -89,7 +89,7 @@ class Proposals(NamedTuple):
     motions: list[SE2]
     """T_target_source (K,), the best first, no two of them alike."""
     scores: FloatArray
-    """How much more wall agrees there than disagrees (K,), about [m]."""
+    """Length (K,) of agreeing minus contradicting walls, approximately [m]."""
 
 
 def propose(target: WallMap, source: WallMap, config: CorrelationConfig) -> Proposals:

@@ -19,7 +19,7 @@ from tbmslam.parallel.worker_pool import in_threads
 Image = npt.NDArray[np.uint8]
 
 _OUTSIDE = (128, 0, 0, 255)
-"""What nobody saw, in the pignistic, the occupied, the free and the unknown image."""
+"""Values of unseen cells in the pignistic, the occupied, the free and the unknown image."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Channels:
     """8-bit images (rows, cols) of a grid, one pixel a cell; the paper's figure 1."""
 
     geometry: GridGeometry
-    """Where the images' cells lie in the grid's frame."""
+    """Geometry of the images' cells in the grid's frame."""
     pignistic: Image
     """Probability of being free: free is white, occupied black, unknown grey."""
     occupied: Image
@@ -83,9 +83,9 @@ class Features:
     """Keypoints of one map."""
 
     points: FloatArray
-    """Where they are (N, 2), in the map's frame [m]."""
+    """Positions (N, 2) in the map's frame [m]."""
     descriptors: npt.NDArray[np.uint8]
-    """What they look like (N, bytes)."""
+    """Descriptors (N, bytes)."""
 
     @classmethod
     def none(cls) -> "Features":
@@ -103,7 +103,7 @@ class Matches:
 
     target_points: FloatArray
     source_points: FloatArray
-    """Where they are (M, 2), each in its own map's frame [m]."""
+    """Positions (M, 2), each in the frame of its map [m]."""
 
     def __len__(self) -> int:
         """Return the number of matches."""

@@ -18,7 +18,7 @@ class Consensus:
     T_target_source: SE2
     """The rigid motion with the least squared distance over the inliers."""
     inliers: npt.NDArray[np.bool_]
-    """Which matches (M,) it brings together."""
+    """Whether each match (M,) is an inlier."""
     rmse_m: float
     """Root mean square distance of the inliers after the motion [m]."""
     scale: float

@@ -25,7 +25,7 @@ class Backdrop:
     """Walls behind a trajectory."""
 
     labels: Labels
-    """What each cell (rows, cols) is."""
+    """Label of each cell (rows, cols)."""
     geometry: GridGeometry
     """Geometry of the cells in the trajectory's frame."""
 

@@ -1,4 +1,4 @@
-"""A map as a folder: map.npz with all data, and files for people and other programs."""
+"""A map as a folder: map.npz with all data, pictures, and files for other programs."""
 
 import os
 import re

@@ -29,7 +29,7 @@ class Keyframes:
     beam_steps: FloatArray
     """Motions (K, 3) of the laser from one beam to the next: x [m], y [m], theta [rad]."""
     indices: npt.NDArray[np.int64]
-    """Which pose (K,) of the drive's trajectory each was taken at; they rise, while stamps may step back."""
+    """Rising indices (K,) of their poses in the drive's trajectory; stamps may step back."""
 
     def __post_init__(self) -> None:
         """Check the shapes and values of the arrays."""

@@ -32,7 +32,7 @@ class BlockedSpans:
     def __init__(self) -> None:
         self._ended: list[_Span] = []
         self._latest: dict[tuple[bytes, bytes], int] = {}  # the last span of the same beams, as near
-        self._timetable: _Timetable | None = None  # of those ended, made when it is asked for
+        self._timetable: _Timetable | None = None  # of the ended spans, made on demand
 
     def __len__(self) -> int:
         """Return the number of spans that ended; overlapping spans of the same beams are one."""

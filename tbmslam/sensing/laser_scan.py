@@ -1,4 +1,4 @@
-"""What a robot measures: laser scans, and its pose by odometry."""
+"""Measurements of a robot: laser scans, and its pose by odometry."""
 
 import math
 from dataclasses import dataclass, field
@@ -165,4 +165,4 @@ class Corrections(NamedTuple):
     range_offset: float = 0.0
     """Added to every range that was measured [m]."""
     odometry_scale: float = 1.0
-    """What the odometry's lengths were multiplied by."""
+    """Factor by which the lengths of the odometry were multiplied."""

@@ -59,7 +59,7 @@ class PairResult:
     surprise: float | None
     """Mean square of the errors in stated standard deviations; its expected value is 1."""
     bent_m: float
-    """How far one of the maps was deformed to fit [m]."""
+    """RMS deformation of one of the maps [m]."""
     cpu_s: float
     """CPU time of both maps and their alignment [s]."""
     reason: str

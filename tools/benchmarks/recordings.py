@@ -135,7 +135,7 @@ class DriveErrors:
     degrees: FloatArray
     """Errors (N,), nan for those that cannot be scored; degrees are nan for poses."""
     has_scans: npt.NDArray[np.bool_]
-    """Which of them (N,) have scans at their stamps."""
+    """Whether each (N,) has scans at its stamps."""
 
     def scored(self) -> npt.NDArray[np.bool_]:
         """Return which errors (N,) were scored."""

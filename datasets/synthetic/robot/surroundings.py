@@ -41,7 +41,7 @@ def behind_glass(robot: SimulatedRobot, world: World, rng: np.random.Generator) 
 
 
 def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -> FloatArray:
-    """Return the ranges (S, B) of all scans with people from a stamp on who cross the robot's path."""
+    """Return the ranges (S, B) of all scans; from a stamp on people cross the robot's path."""
     stamps, poses = robot.truth.stamps, robot.truth.poses
     number = max(math.ceil((stamps[-1] - since) / _EVERY), 1)
     meetings = since + np.arange(number) * _EVERY
@@ -59,7 +59,7 @@ def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -
 
 
 def within_a_crowd(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:
-    """Return the ranges (S, B) of all scans with people who go along with the robot, a metre or two away."""
+    """Return the ranges (S, B) of all scans with people that accompany the robot at one or two metres."""
     phases, slow, speeds = rng.uniform(0.0, 2.0 * np.pi, (2, _CROWD)), *rng.uniform(-_ROUND, _ROUND, (2, _CROWD))
     things = []
     for stamp, pose in zip(robot.truth.stamps, robot.truth.poses, strict=True):
