@@ -20,6 +20,7 @@ from tools.command_line.options import (
     add_recording_options,
     add_viewer_option,
     given_options,
+    number_within,
 )
 from tools.command_line.paths import add_extra_files, check_exist, path_argument
 from tools.command_line.program import ProgramParser, loading, run_program
@@ -54,7 +55,9 @@ def parser(program: str = "build_maps") -> argparse.ArgumentParser:
     _add_robots(grammar.add_argument_group("robots"))
     add_configuration_options(grammar, "map.resolution=0.1")
     many = grammar.add_argument_group("many recordings, many machines")
-    many.add_argument("--workers", type=int, default=1, metavar="N", help="processes that map robots (1)")
+    many.add_argument(
+        "--workers", type=number_within(int, 1), default=1, metavar="N", help="processes that map robots (1)"
+    )
     many.add_argument(
         "--scheduler", metavar="ADDRESS", help="map on an existing Dask cluster, e.g. tcp://10.0.0.1:8786"
     )
@@ -75,7 +78,10 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
     robots.add_argument(
         "--separate", action="store_true", help="each recording is one robot; else all recordings are one drive"
     )
-    robots.add_argument("--robots", type=int, default=1, metavar="N", help="split the drive into N robots (1)")
+    robots.add_argument(
+        "--robots", type=number_within(int, 1, MOST_ROBOTS), default=1, metavar="N",
+        help="split the drive into N robots (1)",
+    )  # fmt: skip
     robots.add_argument(
         "--split",
         choices=("distance", "time", "gaps"),
@@ -94,8 +100,9 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
         help="a random frame for each robot, or that of the odometry (private)",
     )  # fmt: skip
     robots.add_argument(
-        "--seed", type=int, help="seed of the private frames and of random matchers (the configuration's)"
-    )
+        "--seed", type=number_within(int, 0),
+        help="seed of the private frames and of random matchers (the configuration's)",
+    )  # fmt: skip
 
 
 def main(argv: list[str] | None = None, program: str = "build_maps") -> int:
@@ -136,10 +143,10 @@ def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> 
         grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
     if args.separate and (args.robots != 1 or args.interval):
         grammar.error("--separate makes each recording one robot: drop --robots and --interval")
-    if not 1 <= args.robots <= MOST_ROBOTS or not 0.0 <= args.overlap < 1.0 or (args.seed or 0) < 0:
-        grammar.error("--robots must be at least 1 and at most 10000, --overlap within [0, 1), --seed not negative")
-    if args.workers < 1 or (args.scheduler and args.workers > 1):
-        grammar.error("--workers must be at least 1, and a --scheduler has its own workers: drop --workers")
+    if not 0.0 <= args.overlap < 1.0:
+        grammar.error(f"--overlap must be at least 0 and below 1, got {args.overlap:g}")
+    if args.scheduler and args.workers > 1:
+        grammar.error("a --scheduler has its own workers: drop --workers")
 
 
 def _check_recording_options(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:

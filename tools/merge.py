@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tools.command_line.options import add_configuration_options
+from tools.command_line.options import add_configuration_options, number_within
 from tools.command_line.paths import (
     add_extra_files,
     check_exist,
@@ -107,8 +107,6 @@ def _check(grammar: argparse.ArgumentParser, options: argparse.Namespace, given:
         )
     if len(options.maps) < 2:
         grammar.error(_too_few(given, options.maps))
-    if options.workers < 1:
-        grammar.error(f"--workers must be at least 1, got {options.workers}")
     if options.scheduler and options.workers > 1:
         grammar.error("a --scheduler has its own workers: drop --workers")
     if any(_lies_in(path, options.out) for path in (*options.maps, *given)):
@@ -176,7 +174,9 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
         "the map is placed there and refined locally; may be repeated",
     )  # fmt: skip
     finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
-    finding.add_argument("--workers", type=int, default=1, metavar="N", help="processes that align pairs, default: 1")
+    finding.add_argument(
+        "--workers", type=number_within(int, 1), default=1, metavar="N", help="processes that align pairs, default: 1"
+    )
     finding.add_argument(
         "--scheduler", metavar="ADDRESS", help="Dask scheduler that aligns the pairs, e.g. tcp://10.0.0.1:8786"
     )

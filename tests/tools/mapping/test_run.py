@@ -201,9 +201,15 @@ def test_workers_make_the_same_bytes(bags, mapped, tmp_path):
     assert results(tmp_path / "one") == results(tmp_path / "two")
 
 
-@pytest.mark.parametrize("words", [("--workers", "0"), ("--workers", "2", "--scheduler", "tcp://127.0.0.1:1")])
-def test_wrong_numbers_of_workers(words, capsys):
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--workers", "0"), "--workers: must be a whole number of at least 1, got '0'"),
+        (("--workers", "2", "--scheduler", "tcp://127.0.0.1:1"), "a --scheduler has its own workers: drop --workers"),
+    ],
+)
+def test_wrong_numbers_of_workers(words, message, capsys):
     with pytest.raises(SystemExit) as left:
         run("x.bag", *words)
     assert left.value.code == 2
-    assert "--workers must be at least 1, and a --scheduler has its own workers" in capsys.readouterr().err
+    assert message in capsys.readouterr().err
