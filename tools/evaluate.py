@@ -10,9 +10,9 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
     handle_interruption("evaluate")
 
 import argparse
-import math
 import sys
 
+from tools.command_line.options import number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, examples, loading, run_program
 
@@ -65,7 +65,7 @@ def _add_trajectory(command: argparse.ArgumentParser) -> None:
     step.add_argument("--step-m", type=float, metavar="M", help="length of a step (1)")
     step.add_argument("--step-s", type=float, metavar="S", help="duration of a step instead")
     command.add_argument(
-        "--max-stamp-difference", type=float, metavar="S",
+        "--max-stamp-difference", type=number_within(float, 0.0), metavar="S",
         help="largest difference of the stamps of matching poses (0.01; 0.001 for relations)",
     )  # fmt: skip
     _add_output(command)
@@ -85,7 +85,7 @@ def _add_map(command: argparse.ArgumentParser) -> None:
         help="one drive in the frames of the map and of the truth",
     )  # fmt: skip
     place.add_argument(
-        "--align", type=float, metavar="M",
+        "--align", type=number_within(float, 1e-6, 1e9), metavar="M",
         help="search within M metres and 20 degrees of this pose by walls, as merge does, for example on a floor plan",
     )  # fmt: skip
     place.add_argument("--refine", action="store_true", help="refine this pose by the distances between walls")
@@ -124,19 +124,15 @@ def _run(args: argparse.Namespace) -> None:
 def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     if args.command == "map":
         if not 0.0 <= args.min_evidence < 1.0:
-            grammar.error("--min-evidence must lie within [0, 1)")
+            grammar.error(f"--min-evidence must be at least 0 and below 1, got {args.min_evidence:g}")
         if args.transform:
             _check_transform(grammar, args.transform)
-        if args.align is not None and not 0.0 < args.align < math.inf:
-            grammar.error("--align must be a number of metres above 0")
         return
     for option in ("step_m", "step_s"):
         if getattr(args, option) is not None and not getattr(args, option) > 0.0:
             grammar.error(f"--{option.replace('_', '-')} must be positive")
     if args.relations and (args.step_m or args.step_s):
         grammar.error("relations have steps of their own: drop --step-m and --step-s")
-    if args.max_stamp_difference is not None and not args.max_stamp_difference >= 0.0:
-        grammar.error("--max-stamp-difference must not be negative")
     if args.map and not args.picture:
         grammar.error("--map is the background of a picture: add --picture")
 

@@ -192,9 +192,13 @@ def test_relations_of_another_recording(files, tmp_path, capsys):
         (("trajectory", "a"), "one of the arguments --truth --relations is required"),
         (("trajectory", "a", "--truth", "b", "--step-m", "0"), "--step-m must be positive"),
         (("trajectory", "a", "--relations", "b", "--step-s", "1"), "relations have steps of their own"),
-        (("trajectory", "a", "--truth", "b", "--max-stamp-difference", "-1"), "must not be negative"),
+        (
+            ("trajectory", "a", "--truth", "b", "--max-stamp-difference", "-1"),
+            "--max-stamp-difference: must be a number of at least 0",
+        ),
         (("trajectory", "a", "--truth", "b", "--map", "m"), "--map is the background of a picture: add --picture"),
-        (("map", "a", "--truth", "b", "--min-evidence", "1"), r"--min-evidence must lie within [0, 1)"),
+        (("map", "a", "--truth", "b", "--align", "inf"), "--align: must be a number within 1e-06 and 1e+09, got 'inf'"),
+        (("map", "a", "--truth", "b", "--min-evidence", "1"), "--min-evidence must be at least 0 and below 1, got 1"),
     ],
 )
 def test_wrong_usage_is_exit_2(capsys, arguments, message):
