@@ -1,8 +1,8 @@
 """Joint optimisation of the drives of several robots, and rendering of one map from all of their scans.
 
-A distorted map fits no other map exactly at a rigid pose. Where maps carry keyframes, bundles of keyframes of one robot
-are registered to submaps of other robots near the rigid alignment, and to its own submaps of earlier visits. Each
-registration that fits is a loop closure. One pose graph holds the closures and the measured motions of all drives.
+A distorted map fits no other map exactly at a rigid pose. Therefore bundles of keyframes of one robot are registered to
+submaps of other robots near the rigid alignment, and to its own submaps of earlier visits. Each good registration is a
+loop closure. One pose graph holds the closures and the measured motions of all drives.
 Finally poses and walls are adjusted jointly (`tbmslam.optimisation.bundle_adjustment`).
 """
 

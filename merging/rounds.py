@@ -10,8 +10,8 @@ places of the first have a match in the second that exceeds chance, and if the m
 the places.
 
 In the last round, maps of different groups are aligned again by short ranges. A wall that was seen from afar may be
-drawn far from its place, and at a grazing angle it is hardly drawn: views along corridors contradict another map even
-if both belong together. Where maps carry keyframes, their grids are rendered again from short ranges. Without this
+drawn far from its place, and a wall at a grazing angle is hardly drawn. Therefore views along corridors contradict
+another map even if both belong together. Maps with keyframes are rendered again from short ranges. Without this
 round, one map of the recording ACES, cut into 8 robots and cut into 10, is left out of the merged map.
 """
 

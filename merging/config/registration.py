@@ -61,7 +61,7 @@ class CorrelationConfig(FrozenConfig):
     clearance_cells: float = Field(1.2, ge=0, description="the same distance [cells]")
     penalty: float = Field(0.5, ge=0, description="cost of a metre of wall on free space, in metres of agreeing wall")
     wall_bonus: float = Field(0.3, ge=0, description="gain of a metre of wall on any wall")
-    # Rotations are ranked by the directions of the walls. Where maps overlap little, most walls are not shared, and
+    # Rotations are ranked by the directions of the walls. If maps overlap little, most walls are not shared, and
     # their directions may not identify the true rotation.
     turns_share: float = Field(1.0, gt=0, le=1, description="share of all rotations that are tried")
     most_turns: Count = Field(220, description="largest number of rotations that are tried")

@@ -90,8 +90,8 @@ class DurationResult:
 def measure_durations(pair: MapPair, repeats: int, features: FeatureConfig | None = None) -> DurationResult:
     """Time the paper's algorithm 1: keypoints, descriptors, matching, transform, and disjunctive fusion at the truth.
 
-    One run before is not counted. Where the keypoints find no transform, or a wrong one, the maps are fused at the true
-    one, so that every run has the same work.
+    A first run is not counted. If the keypoints find no transform, or a wrong one, the maps are fused at the true one,
+    so that every run has the same work.
     """
     config = MergeConfig(features=features or FeatureConfig())
     taken = np.empty(repeats + 1)

@@ -160,7 +160,7 @@ class GroupLinks:
         self.groups[link.second].clear()
         links = _Links(self.groups, self._edges)
         self._found = {pair: found for pair, found in self._found.items() if link.second not in pair}
-        # Only links to the group change, and links with a path over it.
+        # Only links to the group and links with a path over it change.
         near = {link.first, *links.neighbours(link.first)}
         self._update(links, [pair for pair in links.pairs() if near.issuperset(pair)])
 

@@ -1,9 +1,9 @@
 """A grid resampled on the cells of another grid, in another frame.
 
-Where the new cells are as fine as the old ones or finer, each takes the belief of the old cell its centre lies in:
-exact to half a cell, and a wall stays as sharp and as certain as it was, where interpolation would smear it into the
-free space beside it. Where the new cells are coarser, each takes the mean over the area it covers, or else thin walls
-would fall between the centres. Both are convex combinations of beliefs, hence beliefs.
+If the new cells are not coarser than the old ones, each takes the belief of the old cell that holds its centre. This
+is exact to half a cell, and walls stay sharp and certain. Interpolation would smear them into the free space beside
+them. If the new cells are coarser, each takes the mean over its area. Otherwise thin walls would fall between the
+centres. Both are convex combinations of beliefs, so they are beliefs.
 """
 
 import math

@@ -22,8 +22,8 @@ _SURPRISING = 16.3
 stay below 10. Wrong doors of simulated hospitals reach 22 and 67, right places after reversed odometry 12 to 102."""
 
 _CONTRADICTION = 200.0
-"""What a share of 1 of a bundle in free space adds to that distance: twice 4 nats, the odds of a stray hit, for each of
-25 independent hits that a stop adds."""
+"""Increase of that distance if all hits of a bundle lie in free space: twice 4 nats (the odds of a stray hit) for each
+of the 25 independent hits that a stop adds."""
 
 
 class DriftTest:

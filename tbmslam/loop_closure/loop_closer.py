@@ -1,9 +1,10 @@
 """Loop closure: revisited places are searched, verified, and corrected by a robust pose graph.
 
-The drive is divided into submaps. Where the drive may have returned by the model of its drift, a bundle of neighbouring
-keyframes is searched in an old submap, registered to its surfaces and verified: many hits must lie on surfaces, and few
-in free space. A direction that the fit does not determine, as along a corridor, stays undetermined. Where the drift may
-be large, a find is accepted only if several finds along the drive agree and the drift allows them.
+The drive is divided into submaps. The model of the drift tells if the drive may have returned to an old submap. Then a
+bundle of neighbouring keyframes is searched in the submap, registered to its surfaces, and verified: many hits must lie
+on surfaces, and few in free space. A direction that the fit does not determine, as along a corridor, stays
+undetermined. If the drift may be large, a find is accepted only if several finds along the drive agree and the drift
+allows them.
 """
 
 import logging

@@ -165,8 +165,9 @@ class PixelRule:
 def occupancy_of_image(image: MapImage, rule: PixelRule) -> npt.NDArray[np.int8]:
     """Return the occupancy (rows, cols) that map_server publishes: 0 to 100, -1 unknown; row grows with y.
 
-    Colours are averaged. What is not opaque is unknown but in raw mode, as in nav2_map_server since pull request 5071
-    (2025). Before, and in ROS 1, alpha was averaged with the colours in trinary mode: `alpha: average` in the yaml.
+    Colours are averaged. Transparent pixels are unknown except in raw mode, as in nav2_map_server since pull request
+    5071 (2025). Earlier versions and ROS 1 averaged alpha with the colours in trinary mode: `alpha: average` in the
+    yaml.
     """
     sums, white = image.channel_sum(with_alpha=rule.averages_alpha)
     # A pixel's occupancy depends only on the sum of its channels, so it is looked up in a table.

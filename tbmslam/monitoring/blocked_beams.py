@@ -267,7 +267,7 @@ class LaserView:
         if len(self._known) != len(blocked):
             self._reported = None
             self._known, self._beside = (np.full(len(blocked), -np.inf) for _ in range(2))
-        # What has been there since before it was last known is no news, even after a gap in the recording.
+        # An obstruction is not reported twice, even after a gap in the recording.
         new = blocked & (scan.stamp - self._known > _LATELY_S) & (found.since > self._known)
         if new.any():
             since, reported = float(found.since[new].min()), self._reported

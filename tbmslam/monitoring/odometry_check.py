@@ -1,8 +1,8 @@
-"""Whether odometry and scans agree: wheels slip, counters jump, drivers freeze, and robots are carried.
+"""Checks that odometry and scans agree: wheels slip, counters jump, drivers freeze, and robots are carried.
 
 A tracker weights the information of the odometry by its agreement with the pose of the scan (`ScanMatch.trust`).
-Slipping wheels lose that weight in single scans, which is normal. Long contradictions are reported, and those after a
-pause.
+Slipping wheels reduce that weight in single scans, which is normal. Long contradictions and contradictions after a
+pause are reported.
 """
 
 import math
@@ -92,8 +92,8 @@ _DETERMINED = 0.5
 def odometry_scale(keyframes: Sequence[TrackedKeyframe], wheels: FloatArray, scale: float, lengths: int) -> float:
     """Return the median ratio of the lengths by scans and by odometry; 1 if it gives no warning.
 
-    The median is over many short sections, so occasional slip does not change it. Only sections count whose lengths the
-    scans determine: in a featureless corridor, or where the laser sees hardly anything, scans follow the odometry.
+    The median is over many short sections, so occasional slip does not change it. A section counts only if the scans
+    determine its length. In a featureless corridor, or if the laser sees hardly anything, scans follow the odometry.
     `wheels` (K, 3) are the poses of the robot by odometry at the keyframes, nan if unknown. A warning needs a relative
     difference of `scale`, and at least `lengths` sections.
     """

@@ -42,9 +42,9 @@ class LaserScan:
     """One turn of a laser range finder.
 
     Beam ``i`` points to ``angle_min + i * angle_increment`` in the sensor's frame, counter-clockwise seen from above;
-    a clockwise or upside-down laser has a negative increment. What ``ranges`` says follows REP 117: a finite value is
-    a hit, ``+inf`` means that nothing was in range, and ``nan`` that the beam says nothing. The readers of `datasets`
-    translate every sensor's own codes to this.
+    a clockwise or upside-down laser has a negative increment. The values of ``ranges`` follow REP 117: a finite value
+    is a hit, ``+inf`` means that nothing was in range, and ``nan`` means that the beam measured nothing. The readers of
+    `datasets` translate the codes of each sensor to these values.
     """
 
     stamp: float
@@ -61,11 +61,11 @@ class LaserScan:
     """Time between two beams [s]; 0 if unknown."""
     beam_step: SE2 = SE2(0.0, 0.0, 0.0)  # noqa: RUF009 - a tuple, which nothing can change
     """Motion of the laser from one beam to the next, as its pose at a beam in its frame at the beam before: beam ``i``
-    was sent from ``beam_step`` to the power of ``i``. Where it is not known, all beams count as sent at one moment."""
+    was sent from ``beam_step`` to the power of ``i``. The identity, if unknown: all beams were sent at one moment."""
 
     def with_ranges(self, ranges: FloatArray) -> "LaserScan":
         """Return the same scan with other ranges."""
-        # dataclasses.replace takes several times as long, and this is done for every scan of some robots.
+        # dataclasses.replace takes several times as long, and some robots need this for every scan.
         limits = self.angle_min, self.angle_increment, self.range_min, self.range_max
         return LaserScan(self.stamp, *limits, ranges, self.time_increment, self.beam_step)
 
