@@ -1,7 +1,7 @@
 """Methods of the related work that align two maps: a module for each method, named after its authors.
 
-They serve comparison under equal conditions: the same pairs, processor and interface, `align(target, source, config)`.
-None published its code; each file says what is its authors' idea and what was chosen here.
+They are compared under equal conditions: the same pairs, processor and interface, `align(target, source, config)`. No
+authors published their code. Each module separates the authors' idea from choices of this project.
 """
 
 from collections.abc import Callable

@@ -1,15 +1,15 @@
 """Birk and Carpin: a random walk with adaptive steps finds the pose at which two maps are most similar.
 
-A. Birk, S. Carpin, "Merging occupancy grid maps from multiple robots", Proceedings of the IEEE, 2006; the walk is that
-of S. Carpin, G. Pillonetto, "Motion planning using adaptive random walks", 2005. Cells are free, wall or unknown. Two
-maps are the less alike the farther the cells of either are from the nearest cell of the same state in the other, as
-means over the cells of a state, by the Manhattan distance; cells that meet and disagree cost more, those that agree
-save some (the "lock"). Alignments with a low acceptance index, ai = 1 - agr / (agr + dis), are accepted. Fusion that
-makes disagreeing cells unknown is the rule `unanimous`.
+A. Birk, S. Carpin, "Merging occupancy grid maps from multiple robots", Proceedings of the IEEE, 2006. The random walk
+is by S. Carpin, G. Pillonetto, "Motion planning using adaptive random walks", 2005. Cells are free, wall or unknown.
+The dissimilarity of two maps is the mean Manhattan distance from the cells of either map to the nearest cell of the
+same state in the other map. Disagreeing cells increase the cost, and agreeing cells reduce it (the "lock"). Alignments
+with a low acceptance index, ai = 1 - agr / (agr + dis), are accepted. The rule `unanimous` fuses cells, and makes
+disagreeing cells unknown.
 
-Chosen here: many walks at once, which start all over the plane, instead of one; the second half of the steps is walked
-from the best place so far; the covariance of the steps is diagonal; a sample of the cells is compared, so that a step
-costs the same for every map; the lock counts shares of the cells.
+Choices of this project: Many walks start all over the plane at once, instead of one. The second half of the steps
+starts at the best pose so far. The covariance of the steps is diagonal. A sample of the cells is compared, so that a
+step costs the same for every map. The lock counts shares of the cells.
 """
 
 from dataclasses import dataclass
@@ -31,10 +31,10 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     settings = config.baselines.birk_carpin
     maps = CellStates.of(target), CellStates.of(source)
     placing = Placing.of(*maps)
-    place = _walk(_Likeness.of(*maps, placing, settings), placing, settings)
+    place = _walk(_Dissimilarity.of(*maps, placing, settings), placing, settings)
     index = float(Agreement.of(*maps, placing, place[None]).index()[0])
-    words = f"acceptance index {index:.3f}, to be at most {settings.max_index:g}"
-    return judged_alignment("birk-carpin", maps, placing, place, (words, index <= settings.max_index), config)
+    criterion = f"acceptance index {index:.3f}, accepted up to {settings.max_index:g}"
+    return judged_alignment("birk-carpin", maps, placing, place, (criterion, index <= settings.max_index), config)
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class _Side:
 
 
 @dataclass(frozen=True)
-class _Likeness:
-    """The dissimilarity of two maps at placements."""
+class _Dissimilarity:
+    """Computes the dissimilarity of two maps at placements."""
 
     maps: tuple[CellStates, CellStates]
     placing: Placing
@@ -71,7 +71,9 @@ class _Likeness:
     settings: BirkCarpinConfig
 
     @classmethod
-    def of(cls, target: CellStates, source: CellStates, placing: Placing, settings: BirkCarpinConfig) -> "_Likeness":
+    def of(
+        cls, target: CellStates, source: CellStates, placing: Placing, settings: BirkCarpinConfig
+    ) -> "_Dissimilarity":
         states = [
             state for state in (IS_FREE, IS_WALL) if all((cells.states == state).any() for cells in (target, source))
         ]
@@ -90,7 +92,7 @@ class _Likeness:
         return total + self.settings.lock * (agreement.disagreeing - agreement.agreeing)
 
 
-def _walk(likeness: _Likeness, placing: Placing, settings: BirkCarpinConfig) -> FloatArray:
+def _walk(dissimilarity: _Dissimilarity, placing: Placing, settings: BirkCarpinConfig) -> FloatArray:
     """Return the best pose of the random walks."""
     rng = np.random.default_rng(settings.seed)
     radius = 0.5 * placing.reach_m * np.sqrt(rng.random(settings.walkers))
@@ -98,16 +100,16 @@ def _walk(likeness: _Likeness, placing: Placing, settings: BirkCarpinConfig) -> 
     turns = 2.0 * np.pi * np.arange(settings.walkers) / settings.walkers
     starts = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), turns))
     wide = np.array((0.1 * placing.reach_m, 0.1 * placing.reach_m, 0.3))
-    best, _ = _steps(likeness, starts, wide, settings.steps // 2, settings, rng)
+    best, _ = _steps(dissimilarity, starts, wide, settings.steps // 2, settings, rng)
     narrow = np.array((0.5, 0.5, 0.05))
     best, _ = _steps(
-        likeness, np.tile(best, (settings.walkers, 1)), narrow, settings.steps - settings.steps // 2, settings, rng
+        dissimilarity, np.tile(best, (settings.walkers, 1)), narrow, settings.steps - settings.steps // 2, settings, rng
     )
     return best
 
 
 def _steps(
-    likeness: _Likeness,
+    dissimilarity: _Dissimilarity,
     places: FloatArray,
     spread: FloatArray,
     count: int,
@@ -115,7 +117,7 @@ def _steps(
     rng: np.random.Generator,
 ) -> tuple[FloatArray, float]:
     """Walk from placements (K, 3); the distribution of steps adapts to the last steps of each walk."""
-    costs = likeness.cost(places)
+    costs = dissimilarity.cost(places)
     # The width of the first steps is set by assumed steps before them.
     taken = rng.normal(0.0, 1.0, (settings.memory, len(places), 3)) * spread
     slots: npt.NDArray[np.intp] = np.zeros(len(places), dtype=np.intp)
@@ -123,7 +125,7 @@ def _steps(
     for _ in range(count):
         deviation = np.maximum(taken.std(axis=0), 0.02 * spread)
         steps = rng.normal(taken.mean(axis=0), deviation)
-        found = likeness.cost(places + steps)
+        found = dissimilarity.cost(places + steps)
         accepted = (found < costs) | (rng.random(len(places)) < settings.daring)
         places = np.where(accepted[:, None], places + steps, places)
         costs = np.where(accepted, found, costs)

@@ -1,13 +1,14 @@
 """Carpin: the rotation by Hough spectra, the shift by projections onto two axes.
 
 S. Carpin, "Fast and accurate map merging for multi-robot systems", Autonomous Robots 2008. The circular correlation of
-the maps' Hough spectra offers rotations. For each, both maps' walls are counted along x and along y; correlated, these
-spectra offer the shift along either axis. No search, no iterations; the acceptance index chooses among the offers.
+the maps' Hough spectra gives candidates for the rotation. For each, the walls of both maps are counted along x and
+along y, and the correlation of these counts gives the shift along each axis. There is no search and no iteration. The
+acceptance index chooses among the candidates.
 
-Chosen here: both maps are first turned so that the target's main direction is an axis, where the projections of
-straight walls have peaks; several peaks along each axis are combined; offers are rated by agreeing less a multiple of
-disagreeing cells, since the index alone is best where next to nothing meets; the best few are moved uphill on that, as
-bins of half a degree are wide at a map's far end.
+Choices of this project: Both maps are first rotated until the target's main direction is an axis, so that straight
+walls have peaks in the projections. Several peaks along each axis are combined. The score of a candidate is the number
+of agreeing cells less a multiple of the disagreeing cells, since the index alone prefers maps that hardly overlap. The
+best few candidates are refined by hill climbing, since a bin of half a degree is a long way at the far end of a map.
 """
 
 import itertools
@@ -37,24 +38,24 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     fixed, moving = walls[0] - placing.target_centre, walls[1] - placing.source_centre
     spectra = [hough_spectrum(points, np.ones(len(points)), cell) for points in (fixed, moving)]
     axis = np.pi * float(spectra[0].argmax()) / BINS
-    offers = [
+    candidates = [
         (shift.real, shift.imag, turn)
         for turn in likely_turns(spectra[0], spectra[1], settings.turns)
         for shift in _shifts(fixed * np.exp(-1j * axis), moving * np.exp(1j * (turn - axis)), cell, settings.peaks)
         * np.exp(1j * axis)
     ]
 
-    def rating(places: FloatArray) -> FloatArray:
+    def score(places: FloatArray) -> FloatArray:
         agreement = Agreement.of(*maps, placing, places, 1500)
         return agreement.agreeing - settings.penalty * agreement.disagreeing
 
-    places = np.array(offers)
-    best = places[np.argsort(-rating(places), kind="stable")[:_BEST]]
-    best = climb(rating, best, 4.0 * cell, np.pi / BINS)
-    place = best[rating(best).argmax()]
+    places = np.array(candidates)
+    best = places[np.argsort(-score(places), kind="stable")[:_BEST]]
+    best = climb(score, best, 4.0 * cell, np.pi / BINS)
+    place = best[score(best).argmax()]
     index = float(Agreement.of(*maps, placing, place[None]).index()[0])
-    words = f"acceptance index {index:.3f}, to be at most {settings.max_index:g}"
-    return judged_alignment("carpin", maps, placing, place, (words, index <= settings.max_index), config)
+    criterion = f"acceptance index {index:.3f}, accepted up to {settings.max_index:g}"
+    return judged_alignment("carpin", maps, placing, place, (criterion, index <= settings.max_index), config)
 
 
 def _shifts(fixed: Points, moving: Points, cell: float, peaks: int) -> Points:
@@ -73,8 +74,8 @@ def _shifts_along(fixed: Reals, moving: Reals, cell: float, peaks: int) -> Float
         np.bincount(np.floor((values - low) / cell).astype(np.intp), minlength=size) for values in (fixed, moving)
     ]
     spectra = [np.fft.rfft(count - count.mean(), 2 * size) for count in counts]
-    likeness = np.fft.irfft(spectra[0] * np.conj(spectra[1]), 2 * size)
-    around = np.stack([np.roll(likeness, step) for step in range(-4, 5)])
-    maxima = np.flatnonzero(likeness == around.max(axis=0))
-    best = maxima[np.argsort(-likeness[maxima], kind="stable")[:peaks]]
+    correlation = np.fft.irfft(spectra[0] * np.conj(spectra[1]), 2 * size)
+    around = np.stack([np.roll(correlation, step) for step in range(-4, 5)])
+    maxima = np.flatnonzero(correlation == around.max(axis=0))
+    best = maxima[np.argsort(-correlation[maxima], kind="stable")[:peaks]]
     return np.asarray(np.where(best < size, best, best - 2 * size) * cell, dtype=np.float64)

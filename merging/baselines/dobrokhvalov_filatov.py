@@ -1,11 +1,11 @@
 """Dobrokhvalov and Filatov, the paper on which this project is based: every transform of the keypoints is accepted.
 
 M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on Transferable Belief Model", SEIM 2021. The keypoints,
-their descriptors on three masses and their matches are those of `--method features`, which lets the walls confirm and
-refine what is found. The paper's program does neither: it takes any transform that it can fit, three matches being
-enough. Cells are fused by the rule `disjunctive`.
+their descriptors on three masses and their matches are those of `--method features`. That method also confirms and
+refines a transform by the walls. The paper's program accepts any transform that it can fit to three matches or more.
+The rule `disjunctive` fuses cells.
 
-Chosen here: the motion is rigid, as the paper writes it, though its program lets it stretch and shear.
+Choice of this project: The motion is rigid, as in the paper's text. The paper's program also stretches and shears.
 """
 
 from merging.alignment import Alignment

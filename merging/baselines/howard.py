@@ -1,12 +1,12 @@
 """Howard's method: two robots measure their relative pose when they meet, which gives the transform of their maps.
 
 A. Howard, "Multi-robot simultaneous localization and mapping using particle filters", IJRR 2006. An encounter gives the
-relative pose of two robots, and each robot's readings enter the common map from there, forward and backward in
-time. Merged values are averaged: the rule `average`.
+relative pose of two robots. From there, each robot's readings are added to the common map, forward and backward in
+time. The rule `average` fuses cells.
 
-Chosen here: finished maps take the place of the readings, so that the measurement's error stays, where Howard's filter
-would work on it; several encounters are averaged; an encounter is believed. No program here can know of encounters
-but the benchmark, which simulates them.
+Choices of this project: Finished maps are merged instead of readings, so no filter corrects the error of the
+measurement. Several encounters are averaged. Encounters are assumed to be correct. Only the benchmark has encounters,
+since it simulates them.
 """
 
 import cmath

@@ -147,10 +147,10 @@ def likely_turns(target: FloatArray, source: FloatArray, count: int) -> FloatArr
     A spectrum has the period of half a turn, so that every maximum stands for two turns.
     """
     centred = [spectrum - spectrum.mean() for spectrum in (target, source)]
-    likeness = np.fft.irfft(np.fft.rfft(centred[0]) * np.conj(np.fft.rfft(centred[1])), BINS)
-    around = np.stack([np.roll(likeness, step) for step in range(-6, 7)])
-    maxima = np.flatnonzero(likeness == around.max(axis=0))
-    best = maxima[np.argsort(-likeness[maxima], kind="stable")[:count]]
+    correlation = np.fft.irfft(np.fft.rfft(centred[0]) * np.conj(np.fft.rfft(centred[1])), BINS)
+    around = np.stack([np.roll(correlation, step) for step in range(-6, 7)])
+    maxima = np.flatnonzero(correlation == around.max(axis=0))
+    best = maxima[np.argsort(-correlation[maxima], kind="stable")[:count]]
     half = np.pi * best / BINS
     return np.concatenate((half, half + np.pi))
 

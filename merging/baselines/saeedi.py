@@ -3,12 +3,12 @@
 S. Saeedi, L. Paull, M. Trentini, M. Seto, H. Li, "Efficient map merging using a probabilistic generalized Voronoi
 diagram", IROS 2012, and "Group mapping: a topological approach to map merging for multiple robots", 2014. The diagram
 runs midway between obstacles, and each of its cells carries the probability of the occupancy grid. Log odds are then
-added, and an entropy filter rejects what would make a cell less certain: the rules `log-odds` and `entropy-filter`.
+added (rule `log-odds`). An entropy filter rejects changes that make a cell less certain (rule `entropy-filter`).
 
-Chosen here: the diagram is the integer medial axis (W. Hesselink, J. Roerdink, 2008), free cells whose neighbour has
-its nearest wall elsewhere; Hough spectra of the diagrams offer rotations; for each, every shift is tried by correlating
-the diagrams, cells of like clearance only; the best are moved uphill on the same. Accepted is what lowers the entropy
-of enough of the overlap: the share of its cells that the entropy filter lets pass.
+Choices of this project: The diagram is the integer medial axis (W. Hesselink, J. Roerdink, 2008): free cells and their
+neighbours have different nearest walls. Hough spectra of the diagrams give candidates for the rotation. For each, all
+shifts are tried by correlating diagram cells of similar clearance. The best poses are refined by hill climbing on the
+same score. A pose is accepted if the entropy filter accepts a sufficient share of the cells of the overlap.
 """
 
 from dataclasses import dataclass
@@ -89,7 +89,7 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     fields = _fields(diagrams[0], target.geometry, settings.cell_m)
     kinds = diagrams[1].channels(0.0, 0.0)
 
-    def likeness(places: FloatArray) -> FloatArray:
+    def score(places: FloatArray) -> FloatArray:
         return np.asarray(
             sum(
                 field.at(placing.into_target(points, places)) @ free
@@ -98,11 +98,11 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
             dtype=np.float64,
         )
 
-    places = climb(likeness, places, 2.0 * target.geometry.resolution, 0.01)
-    place = places[likeness(places).argmax()]
+    places = climb(score, places, 2.0 * target.geometry.resolution, 0.01)
+    place = places[score(places).argmax()]
     gain = 1.0 - float(Agreement.of(*maps, placing, place[None]).index()[0])
-    words = f"the entropy sinks in {gain:.0%} of the cells that meet, to be {settings.min_gain:.0%}"
-    return judged_alignment("saeedi", maps, placing, place, (words, gain >= settings.min_gain), config)
+    criterion = f"the entropy decreases in {gain:.0%} of the overlapping cells, accepted from {settings.min_gain:.0%}"
+    return judged_alignment("saeedi", maps, placing, place, (criterion, gain >= settings.min_gain), config)
 
 
 def _nearest_walls(wall: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.complex64]]:

@@ -1,14 +1,14 @@
 """Trehard et al.: the consistency of two maps is the committed mass of their disjunction.
 
-G. Trehard, Z. Alsayed, E. Pollard, B. Bradai, F. Nashashibi, "Credibilist simultaneous localization and mapping with
-a lidar", IROS 2014, match a scan with a map so. Cells hold masses of the Transferable Belief Model; the disjunction of
-two beliefs keeps on a hypothesis only what both hold, m(A) = m1(A) m2(A) for free and for occupied, and gives the rest
-to the unknown. Merged cells are conjunctions: the rule `conjunctive`.
+G. Trehard, Z. Alsayed, E. Pollard, B. Bradai, F. Nashashibi, "Credibilist simultaneous localization and mapping with a
+lidar", IROS 2014, match a scan with a map in this way. Cells hold masses of the Transferable Belief Model. The
+disjunction of two beliefs has the mass m(A) = m1(A) m2(A) for free and for occupied. The rest is unknown. The rule
+`conjunctive` fuses cells.
 
-Chosen here: maps take the place of the scan, and the mass that the disjunction leaves on occupied, over the walls of
-both, is maximised; every rotation and shift is tried by correlation on coarse cells, and the best are moved uphill on
-the maps' own cells, all walls widened by a cell. The consistency is that mass as a share of what either map
-calls occupied where the other knows anything.
+Choices of this project: A map is matched instead of a scan. The maximised score is the disjunction's mass on occupied,
+over the walls of both maps. All rotations and shifts are tried by correlation on coarse cells. The best poses are
+refined by hill climbing on the maps' own cells, with all walls widened by a cell. The consistency is the score as a
+share of the occupied mass of either map in cells that the other map knows.
 """
 
 from dataclasses import dataclass
@@ -45,8 +45,10 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     place = places[sums(places)[0].argmax()]
     agreed, possible = (float(sums_of_both[0]) for sums_of_both in sums(place[None]))
     consistency = agreed / possible if possible > 0.0 else 0.0
-    words = f"consistency {consistency:.2f}, to be {settings.min_consistency:g}"
-    return judged_alignment("trehard", maps, placing, place, (words, consistency >= settings.min_consistency), config)
+    criterion = f"consistency {consistency:.2f}, accepted from {settings.min_consistency:g}"
+    return judged_alignment(
+        "trehard", maps, placing, place, (criterion, consistency >= settings.min_consistency), config
+    )
 
 
 @dataclass(frozen=True)

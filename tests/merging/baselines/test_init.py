@@ -63,7 +63,7 @@ def test_unrelated_maps_are_refused(method):
 def test_the_likelihood_demanded_is_a_parameter():
     answer = found("li", blocks(1), blocks(2), baselines={"li": {"min_likelihood": 0.95}})
     assert not answer.accepted
-    assert answer.reason.endswith("of the walls that meet known cells, to be 0.95")
+    assert answer.reason.endswith("of the walls on known cells, accepted from 0.95")
 
 
 def test_three_keypoints_that_agree_are_enough_for_the_paper_s_program_and_not_for_ours():
