@@ -242,10 +242,10 @@ def walls_and_free(grid: TbmGrid) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np
 def occupancy_of(grid: TbmGrid) -> npt.NDArray[np.int8]:
     """Return the occupancy (rows, cols) as map_server publishes it: 0 free, 100 occupied, -1 unknown; row grows with y.
 
-    A cell is occupied where its pignistic probability is above 0.55 and free where it is below 0.45, that is where the
-    masses of the two differ by `MIN_BALANCE` of what is not conflict. A cell with hardly any evidence, or with as much
-    for as against, is unknown. The bounds lie near one half because the pignistic probability counts half of UNKNOWN
-    either way, and free space is learnt slowly: after 100 misses vinySLAM's m(FREE) is 0.23.
+    A cell is occupied if its pignistic probability is above 0.55, and free if it is below 0.45: the masses of the two
+    then differ by `MIN_BALANCE` of the mass that is not conflict. A cell with little evidence, or with equal evidence
+    for both, is unknown. The bounds lie near one half because the pignistic probability adds half of UNKNOWN to both,
+    and free space is learnt slowly: after 100 misses vinySLAM's m(FREE) is 0.23.
     """
     occupancy = np.full(grid.cells.shape[:2], -1, dtype=np.int8)
     # Intermediate arrays of a whole map would take more memory than the map.

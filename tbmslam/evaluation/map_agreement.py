@@ -26,8 +26,8 @@ class MapAgreement:
     agree: float
     """Share of the cells known in both with equal labels."""
     agree_nearby: float
-    """The same with neighbours: the map's label is true of the cell or a neighbour, and the other way round. Maps whose
-    cells lie across one another put the same thin wall into other cells."""
+    """The same with neighbours: the map's label is true of the cell or a neighbour, and the other way round. Grids that
+    do not share cell borders have the same thin wall in different cells."""
     agree_occupied: float
     agree_free: float
     """Share of the map's occupied (free) cells, of those known to both, that truly are; NaN if there are none."""

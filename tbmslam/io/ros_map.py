@@ -176,8 +176,8 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     """Read a map of map_server or nav2 as beliefs; a rotated map is resampled along the axes.
 
     `tbmslam.belief.grid` defines the masses of an occupancy: full occupancy keeps 0.1 unknown. Cells that a map saver
-    wrote as unknown stay unknown, whatever its `free_thresh`; there is a warning about this, and another of a map
-    without any unknown cell. Raises a `MapFileError` if the yaml or its picture is missing, damaged, too large, or has
+    wrote as unknown stay unknown, whatever its `free_thresh`. This causes a warning, and so does a map without any
+    unknown cell. Raises a `MapFileError` if the yaml or its picture is missing, damaged, too large, or has
     an invalid value.
     """
     header = read_ros_map_header(Path(path))

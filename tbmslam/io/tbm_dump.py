@@ -1,8 +1,8 @@
 """Map dumps of the original programs, `.tbm_map`: reading and writing.
 
-vinySLAM writes them, TBMMapMerging reads and writes them. A packed little-endian header (int32 height, int32 width,
-float64 side of a cell [m], int32 origin x, y) is followed by the cells, row by row with y ascending; a cell's masses
-come in the order unknown, empty (that is free), occupied, conflict. The origin is the column and row of the cell whose
+vinySLAM writes them. TBMMapMerging reads and writes them. A packed little-endian header (int32 height, int32 width,
+float64 side of a cell [m], int32 origin x, y) is followed by the cells, row by row with y ascending. A cell's masses
+have the order unknown, empty (that is free), occupied, conflict. The origin is the column and row of the cell whose
 lower left corner is (0, 0).
 
 ======= ====================== ============================================================
@@ -64,9 +64,9 @@ def read_tbm_dump(path: str | os.PathLike[str]) -> TbmGrid:
 def write_tbm_dump(path: str | os.PathLike[str], grid: TbmGrid, layout: Layout = "slam") -> None:
     """Write a grid atomically in the format of the original programs.
 
-    The format knows origins in whole cells only. A grid whose origin lies between two goes to the nearer one, half a
-    cell away at most; the grids of `tbmslam.slam` lie on whole cells. Raises a `ValueError` if the layout is unknown,
-    or the origin is too far away for the format's 32 bits, and a `FileNotWrittenError` if the file cannot be written.
+    The format has origins in whole cells only. Other origins are rounded, which moves a grid by half a cell at most.
+    The grids of `tbmslam.slam` lie on whole cells. Raises a `ValueError` if the layout is unknown, or the origin is too
+    far away for the format's 32 bits, and a `FileNotWrittenError` if the file cannot be written.
     """
     if layout not in ("slam", "merging"):
         raise ValueError(f"layout must be 'slam' or 'merging', got {layout!r}")

@@ -72,8 +72,8 @@ def without_scans(tbm_map: TbmMap) -> TbmMap:
 def angle_to_axes(grid: TbmGrid) -> float:
     """Return the smallest rotation [degrees] that aligns the walls of a map with the axes; 0 without walls.
 
-    Seen along its walls a building is a few sharp peaks: of all turns the one is taken whose histograms of the occupied
-    cells over x and over y have the largest sum of squares.
+    The walls of an aligned building are sharp peaks of the histograms of occupied cells over x and over y. Therefore
+    the rotation with the largest sum of squares of these histograms is taken.
     """
     rows, cols = np.nonzero(occupancy_of(grid) == 100)
     if not len(rows):

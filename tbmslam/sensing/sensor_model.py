@@ -31,8 +31,8 @@ class SensorModelConfig(FrozenConfig):
 
 
 _MEAN_WEIGHT = 1e9
-"""Evidence of one observation where evidence is added: so much that nothing stays unknown, so little that masses keep
-their digits."""
+"""Evidence K of one observation by the averaging rule: large, so that nothing stays unknown, but masses keep their
+digits."""
 
 
 def beam_factors(config: SensorModelConfig, resolution: float, scan_quality: float) -> BeamFactors:
@@ -41,8 +41,8 @@ def beam_factors(config: SensorModelConfig, resolution: float, scan_quality: flo
     By the conjunctive rule, an observation with probability p and quality w has masses m(OCCUPIED) = p w,
     m(FREE) = (1 - p) w and m(UNKNOWN) = 1 - w; the factors are its commonalities divided by m(UNKNOWN).
 
-    Where a cell shall hold the mean of its observations, K p is added to a_O and K (1 - p) to a_F with a large K: after
-    n of them m(OCCUPIED) is the mean of p but for 1 / (K n), which is m(UNKNOWN). A scan's quality draws p towards 0.5.
+    By the averaging rule, an observation adds K p to a_O and K (1 - p) to a_F with a large K. After n observations
+    m(UNKNOWN) is 1 / (K n), and m(OCCUPIED) is otherwise the mean of p. Low quality of a scan moves p towards 0.5.
     """
     factors = _factors if config.combination == "conjunctive" else _addends
     radius_squared = (config.wall_blur / resolution) ** 2
