@@ -141,9 +141,9 @@ def _seconds(word: str) -> float:
 
 
 def _fan(number: int) -> tuple[float, float]:
-    """Return first direction and step [rad] of a SICK that states neither: half a turn from the right.
+    """Return first direction and step [rad] of a SICK that states neither: usually half a turn from the right.
 
-    180 and 181 beams are 1 degree apart, 360 and 361 half a degree; 401 beams are the fan of 100 degrees.
+    180 or 181 beams have steps of 1 degree, 360 or 361 beams have steps of half a degree. 401 beams cover 100 degrees.
     """
     if number == 401:
         return math.radians(-50.0), math.radians(0.25)

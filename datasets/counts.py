@@ -104,8 +104,8 @@ class ReadingCounts:
     def likely_code(self) -> float | None:
         """Return the range that counted as a hit but may be a code for no return [m].
 
-        The same rule applies to the beginning of a recording, where the code may not occur yet: a code is the longest
-        range, and several beams of a scan, and many of the recording, have exactly this range.
+        A code is the longest range, and several beams of a scan, and many of the recording, have exactly this range.
+        The same rule applies at the beginning of a recording, when the code may not have occurred yet.
         """
         is_code = is_like_a_code(self.farthest_m, self.farthest_beams, self.farthest_scans, self.beams.get("hit", 0))
         return self.farthest_m if is_code else None

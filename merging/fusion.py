@@ -169,8 +169,8 @@ class Fusion:
     grid: TbmGrid
     """The fused masses."""
     conflict: npt.NDArray[np.float32]
-    """The contradiction of the sources in each cell (rows, cols), for every rule the same: the mass on CONFLICT of the
-    conjunction of their conflict-free beliefs; 0 for cells of fewer than two sources."""
+    """The contradiction of the sources in each cell (rows, cols), equal for all rules: the mass on CONFLICT of the
+    conjunction of their conflict-free beliefs. Cells of fewer than two sources have 0."""
     seen_by: npt.NDArray[np.uint16]
     """The number of sources that saw each cell (rows, cols)."""
     rule: Rule | Literal["redrawn"] = "disjunctive"

@@ -62,8 +62,8 @@ class Track:
     def chain(self, start: int, config: JointConfig) -> list[MotionEdge]:
         """Return the drive's motions as edges; its first keyframe is the pose `start` of the graph.
 
-        If the measured motions were not stored, they are derived from the poses: with small deviations from keyframe to
-        keyframe, and with larger ones where the drive crosses its path, since loops were closed there.
+        If the measured motions were not stored, they are derived from the poses. They have small deviations, and larger
+        ones if the drive crosses its path, since loops were closed there.
         """
         if self.drive.motions is not None:
             return chain(self.drive.motions, start)

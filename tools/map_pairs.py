@@ -122,8 +122,8 @@ _VARIANT = r"(part\d+)?(mir)*"
 def floors_of(names: Iterable[str]) -> dict[str, frozenset[str]]:
     """Return the buildings of each pair, one or two, by the pair's name.
 
-    Buildings are known by the names of the pairs of one building, `crop_BUILDING_OVERLAP`, `crop_BUILDING_SEED_OVERLAP`
-    and `negs_BUILDING_SEED`; a pair of two places is held to show every building that its name names.
+    The names of pairs of one building define the buildings: `crop_BUILDING_OVERLAP`, `crop_BUILDING_SEED_OVERLAP` and
+    `negs_BUILDING_SEED`. A pair of two places shows the buildings in its name.
     """
     names = list(names)
     named = [found["building"] or found["same"] for found in map(_OF_ONE.fullmatch, names) if found]

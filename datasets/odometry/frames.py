@@ -145,10 +145,10 @@ class Frames:
 def choose_frames(graph: FrameGraph, sensor: str, options: RecordingOptions) -> Frames | None:
     """Find the odometry frame and the robot's frame in tf; None if tf holds no odometry.
 
-    The odometry frame is the requested frame, or a frame of a usual name that moves relative to the laser (or to a
-    robot frame if the laser is not in tf), or the topmost frame above the laser that is not a localiser's. The robot's
-    frame is the requested frame, or base_footprint or base_link on the path to the laser, or the end of the first edge
-    that is not static.
+    The odometry frame is the first of these: the requested frame; a frame of a usual name that moves relative to the
+    laser (or to a robot frame if the laser is not in tf); the topmost frame above the laser that is not a localiser's.
+    The robot's frame is the first of these: the requested frame; base_footprint or base_link on the path to the laser;
+    the end of the first edge that is not static.
     """
     for odom in _odom_candidates(graph, sensor, options):
         localised = is_localised(odom)

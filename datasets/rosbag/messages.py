@@ -59,7 +59,7 @@ def standard_md5_sum(msgtype: str) -> str | None:
 
 
 class StampedTransform(NamedTuple):
-    """One edge of tf at a time; `pose` carries coordinates from child to parent; a stamp of 0 or less is unset."""
+    """One edge of tf at a time; `pose` transforms from child to parent; a stamp of 0 or less is unset."""
 
     parent: str
     child: str

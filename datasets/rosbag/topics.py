@@ -171,8 +171,9 @@ _STATA_ODOMETRY = ("robot_pose_ekf/odom_combined", "base_odometry/odom")
 def with_profile(options: RecordingOptions, topics: Collection[str]) -> RecordingOptions:
     """Return the options with the values of their profile; given options stay.
 
-    Profile "stata", MIT Stata Center (Fallon et al., IJRR 32(14), 2013): the scans of the base laser, never those of
-    the nodding /tilt_scan; odometry odom_combined -> base_footprint; map -> odom_combined is a localiser's.
+    Profile "stata" is for the MIT Stata Center (Fallon et al., IJRR 32(14), 2013). It takes the scans of the base laser
+    and not those of the nodding /tilt_scan. The odometry is odom_combined -> base_footprint, and a localiser publishes
+    map -> odom_combined.
     """
     if options.profile != "stata":
         return options

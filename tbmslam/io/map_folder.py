@@ -29,9 +29,9 @@ FIXED_NAMES = ("map.npz", "map.yaml", "map.pgm", *(f"{name}.png" for name in PIC
 def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
     """Write a map to a folder: map.npz, map.yaml and map.pgm, trajectories, pictures.
 
-    Each file is written whole or not at all. A single drive is trajectory.tum, several are trajectory_NAME.tum; those
-    of an older map in the folder are removed before the new map takes its place, so that whenever writing ends, no
-    trajectory lies beside a map that it does not belong to.
+    Each file is written whole or not at all. A single drive is trajectory.tum, several are trajectory_NAME.tum. The
+    trajectories of an older map in the folder are removed first. So even after an interruption, no trajectory lies
+    beside a map of other drives.
 
     Raises
     ------

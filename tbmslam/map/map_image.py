@@ -152,7 +152,7 @@ class PixelRule:
     free_threshold: float = FREE_THRESHOLD
     """Occupancies above and below which a pixel counts as occupied and free."""
     mode: Mode = "trinary"
-    """Free, occupied or unknown; occupancies in between as well; or the occupancy itself."""
+    """Pixels are free, occupied or unknown (trinary), or also occupancies in between (scale), or occupancies (raw)."""
     alpha: Alpha = "unknown"
     """In trinary mode, whether pixels that are not opaque are unknown, or alpha is averaged with the colours."""
 

@@ -130,9 +130,9 @@ _BYTES_A_CELL = 24  # counts and masses, if all cells are seen; to save a map ta
 def render(drives: Sequence[Keyframes], config: MapConfig) -> TbmGrid:
     """Return the smallest grid that contains all cells that the keyframes saw.
 
-    If it exceeded `max_cells`, its cells are a multiple of the resolution. Raises a `GridTooLargeError` if the machine
-    has too little memory; or every beam counts, so that the grid grows scan by scan, and it would exceed `max_cells`,
-    and a `ValueError` if there are more than two million keyframes.
+    If it exceeded `max_cells`, its cells are a multiple of the resolution. If every beam counts, the grid grows scan by
+    scan, and cannot exceed `max_cells`: this raises a `GridTooLargeError`, as does a lack of memory. Raises a
+    `ValueError` if there are more than two million keyframes.
     """
     number = sum(map(len, drives))
     if number > MOST_SCANS:

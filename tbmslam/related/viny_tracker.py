@@ -20,8 +20,8 @@ from tbmslam.tracking.tracker import PosePrior, ScanMatch, ScanMatcher, moved_fr
 
 BeamWeighting = Literal["even", "viny"]
 CellScore = Literal["discrepancy", "disjunctive"]
-"""vinySLAM's discrepancy to a certain hit, or the consistency of the credibilist SLAM: what the disjunctive rule leaves
-on OCCUPIED (Trehard et al., "Credibilist simultaneous localization and mapping with a lidar", IROS 2014)."""
+"""vinySLAM's discrepancy to a certain hit, or the consistency of the credibilist SLAM: the mass of the disjunction on
+OCCUPIED (Trehard et al., "Credibilist simultaneous localization and mapping with a lidar", IROS 2014)."""
 
 
 def beam_weights(scan: LaserScan, weighting: BeamWeighting) -> FloatArray:

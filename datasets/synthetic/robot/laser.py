@@ -79,8 +79,8 @@ class SimulatedLaser:
     def field_of(beams: int) -> tuple[float, float]:
         """Return the usual angle_min and angle_increment [rad] of a laser with a number of beams.
 
-        180, 181 and 361 beams are a SICK's half turn to the right of straight left, others spread over the default's
-        260 degrees.
+        180, 181 and 361 beams are a SICK, which sees half a turn in front of the robot. Other numbers of beams cover
+        the default's 260 degrees.
         """
         if beams in _BEAMS_OVER_180_DEG:
             return -math.pi / 2.0, math.radians(_BEAMS_OVER_180_DEG[beams])
