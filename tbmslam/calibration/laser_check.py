@@ -222,14 +222,16 @@ def _settled(parts: Sequence[SelfCalibration], config: LaserFitConfig) -> FloatA
 
 def _parts(poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig) -> list[npt.NDArray[np.int64]]:
     """Return the scans of each part: one scan of each short segment, since scans within a segment are alike."""
-    way = path_lengths(poses)
-    count = min(int(way[-1] / config.shortest), config.most_parts)
+    travelled = path_lengths(poses)
+    count = min(int(travelled[-1] / config.shortest), config.most_parts)
     if count < config.least_parts:
         return []
     scans = stretch_begins(poses, pieces)
-    begins = np.linspace(0.0, way[-1], count + 1)[:-1]
-    ends = begins + min(way[-1] / count, config.longest)
-    return [scans[(way[scans] >= begin) & (way[scans] < end)] for begin, end in zip(begins, ends, strict=True)]
+    begins = np.linspace(0.0, travelled[-1], count + 1)[:-1]
+    ends = begins + min(travelled[-1] / count, config.longest)
+    return [
+        scans[(travelled[scans] >= begin) & (travelled[scans] < end)] for begin, end in zip(begins, ends, strict=True)
+    ]
 
 
 def _joined(estimates: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:

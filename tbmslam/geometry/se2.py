@@ -137,7 +137,7 @@ def inverse(motions: FloatArray) -> FloatArray:
 
 
 def path_lengths(points: FloatArray) -> FloatArray:
-    """Return the length of the way from the first of points or poses (N, >= 2) to each (N,) [m]."""
+    """Return the length of the path from the first of points or poses (N, >= 2) to each (N,) [m]."""
     travelled = np.zeros(len(points))
     np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T), out=travelled[1:])
     return travelled

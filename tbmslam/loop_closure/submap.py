@@ -181,12 +181,12 @@ def _search_field(
 
 def split_into_submaps(poses: FloatArray, length: float) -> list[tuple[int, int]]:
     """Return the (first, last) keyframes of segments of a drive, each `length` metres long and overlapping by half."""
-    way = path_lengths(poses)
-    count = max(math.ceil(2.0 * way[-1] / length) - 1, 1)
+    travelled = path_lengths(poses)
+    count = max(math.ceil(2.0 * travelled[-1] / length) - 1, 1)
     stretches = []
     for number in range(count):
         begin = 0.5 * length * number
-        first = int(np.searchsorted(way, begin, side="left"))
-        last = int(np.searchsorted(way, begin + length, side="right")) - 1
+        first = int(np.searchsorted(travelled, begin, side="left"))
+        last = int(np.searchsorted(travelled, begin + length, side="right")) - 1
         stretches.append((first, max(last, first)))
     return stretches

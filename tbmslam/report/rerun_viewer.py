@@ -91,7 +91,7 @@ class RerunViewer:
         """Show the pose of a robot, and at intervals its scan and the map so far."""
         robot = self._robot(name)
         stamp = reading.scan.stamp
-        robot.way.append((T_map_robot.x, T_map_robot.y))
+        robot.path.append((T_map_robot.x, T_map_robot.y))
         if not robot.is_due(stamp):
             return
         hits = reading.T_robot_sensor.apply(reading.scan.hit_points())
@@ -103,7 +103,7 @@ class RerunViewer:
         self._stream.log(f"{name}/robot", place)
         self._points(f"{name}/robot/scan", hits, _SCAN_COLOUR, 0.04, "scan")
         if robot.shown % _MAP_EVERY == 0:
-            self._strips(f"{name}/drive", [np.array(robot.way)], _DRIVE_COLOUR)
+            self._strips(f"{name}/drive", [np.array(robot.path)], _DRIVE_COLOUR)
             self._points(f"{name}/map", robot.map_points(), _MAP_COLOUR, 0.05, "map")
 
     def finished(self, name: str, tbm_map: TbmMap) -> None:
@@ -164,7 +164,7 @@ class _Robot:
     """The shown state of one robot."""
 
     def __init__(self) -> None:
-        self.way: list[tuple[float, float]] = []
+        self.path: list[tuple[float, float]] = []
         self.shown = 0
         self.last_stamp = -math.inf
         self._cells = np.zeros((0, 2), dtype=np.int64)

@@ -1,7 +1,7 @@
-"""A laser that turns while it is driven sends every beam from another place: take its motion out of the scan.
+"""Compensation of the motion of the robot during a scan.
 
-Without that, a scan taken in a turn is turned by part of the turn itself, to the one side or the other as the robot
-turns. Over a scan's tenth of a second the twist of a robot hardly changes, so one motion from beam to beam tells all.
+Without it, a scan during a turn is rotated by a part of the turn. The twist of a robot hardly changes within the tenth
+of a second of a scan, so one motion from beam to beam is sufficient.
 """
 
 import math
@@ -26,19 +26,10 @@ class DeskewConfig(FrozenConfig):
 
 
 def deskewed(scan: LaserScan, T_robot_swept: SE2, T_robot_sensor: SE2, config: DeskewConfig) -> LaserScan:
-    """Return a scan whose beams are sent from where the laser was at their moments.
+    """Return a scan with the motion of the laser during the scan, in the frame of its first beam.
 
-    Parameters
-    ----------
-    scan
-        The scan; its frame stays that of its first beam. It comes back as it is where it does not tell the time between
-        beams, or the motion is none that a robot makes.
-    T_robot_swept
-        Motion of the robot from the first beam to the last: its pose then in its frame at the first.
-    T_robot_sensor
-        Pose of the laser on the robot.
-    config
-        What is done at all.
+    `T_robot_swept` is the motion of the robot from the first beam to the last. The scan is unchanged if it does not
+    state the time between beams, or if the motion is impossible for a robot.
     """
     steps, sweep = len(scan.ranges) - 1, scan.sweep()
     too_far = math.hypot(T_robot_swept.x, T_robot_swept.y) > config.max_speed * sweep

@@ -1,4 +1,4 @@
-"""The keyframes of the running drive, and where the robot was between them."""
+"""The keyframes of the current drive, and the poses of the robot between them."""
 
 import logging
 from array import array
@@ -17,27 +17,17 @@ from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 logger = logging.getLogger(__name__)
 
 _UNSETTLED = 20.0
-"""Travelled length at the end of a drive on which nothing is forgotten yet [m]."""
+"""Travelled length at the end of a drive in which no keyframe is forgotten [m]."""
 
 _GAP = np.diag([0.05**-2.0, 0.05**-2.0, 0.01**-2.0])
-"""Information of the motion over what was forgotten: closures on both sides know better."""
+"""Information of the motion across forgotten keyframes; closures on both sides are more accurate."""
 
 
 class KeyframeBuffer:
-    """The keyframes of a drive.
+    """The kept keyframes of a drive; their indices count the drive's readings.
 
-    Once there are many, those of places shown often enough are forgotten, so that memory grows with what is explored.
-    The drive then goes on as if it had not gone there; where it was is remembered as seen from keyframes kept.
-
-    Parameters
-    ----------
-    config
-        What is kept.
-
-    Attributes
-    ----------
-    keyframes
-        Those kept; their indices count the drive's readings.
+    If there are many, redundant keyframes of known places are forgotten, so that memory grows with the explored area.
+    The drive then continues as if it had not been there. Forgotten poses are stored relative to kept keyframes.
     """
 
     def __init__(self, config: ForgettingConfig) -> None:
@@ -47,11 +37,11 @@ class KeyframeBuffer:
         self._settled = 0
         self._number = 0
         self._T_kept_tracked = SE2.identity()
-        # Of what was forgotten: reading, reading of the keyframe kept, and pose as seen from its laser, five numbers.
+        # Forgotten poses: reading, reading of the kept keyframe, and pose relative to its laser, five numbers.
         self._forgotten = array("d")
 
     def __len__(self) -> int:
-        """Return how many keyframes there were, kept or not."""
+        """Return the number of all keyframes, including forgotten ones."""
         return self._number
 
     def add(self, keyframe: TrackedKeyframe) -> None:
@@ -60,23 +50,15 @@ class KeyframeBuffer:
         self._number += 1
 
     def is_full(self) -> bool:
-        """Tell whether it is time to forget."""
+        """Return whether keyframes are to be forgotten now."""
         return len(self.keyframes) >= self._limit
 
     def forget(self, closed: FloatArray, closures: Sequence[MotionEdge]) -> None:
-        """Forget keyframes that show nothing new.
-
-        Parameters
-        ----------
-        closed
-            Poses (K, 3) of the laser after loops were closed.
-        closures
-            Between which keyframes.
-        """
+        """Forget redundant keyframes, given the poses (K, 3) of the laser after the loop closures."""
         travelled = path_lengths(closed)
         settled = int(np.searchsorted(travelled, travelled[-1] - _UNSETTLED))
         gone = may_be_forgotten(closed, closures, self._settled, settled, self._config)
-        if gone.any():  # what comes after it may be forgotten next time
+        if gone.any():  # later keyframes may be forgotten next time
             settled = min(settled, int(np.flatnonzero(gone)[-1]))
         self._remember(closed, travelled, gone, settled)
         T_new_old = SE2.identity()
@@ -100,7 +82,7 @@ class KeyframeBuffer:
         self._limit = max(self._config.limit, 2 * len(kept))
 
     def corrected(self, poses: FloatArray, closed: FloatArray) -> FloatArray:
-        """Return the poses (N, 3) of the robot at all readings after those of the laser at keyframes were corrected."""
+        """Return the poses (N, 3) of the robot at all readings by the corrected poses of the laser at the keyframes."""
         kept = np.array([k.index for k in self.keyframes], dtype=np.int64)
         sensor_poses = stacked([k.T_robot_sensor for k in self.keyframes])
         known = np.array(self._forgotten).reshape(-1, 5)
@@ -112,7 +94,7 @@ class KeyframeBuffer:
         return spread_corrections(poses, indices[order], moved[order])
 
     def _remember(self, closed: FloatArray, travelled: FloatArray, gone: npt.NDArray[np.bool_], settled: int) -> None:
-        """Note where the robot was about every metre of what is forgotten, as seen from the nearest laser kept."""
+        """Store poses of the robot in forgotten parts, a metre apart, relative to the nearest kept laser poses."""
         anchors = np.flatnonzero(~gone[:settled])
         _, stops = np.unique(travelled.astype(np.int64), return_index=True)
         for number in stops[gone[stops]].tolist():

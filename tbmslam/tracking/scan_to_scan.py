@@ -1,7 +1,7 @@
-"""Where a scan lies among the scans before it, by their points alone.
+"""Registration of a scan to the scans before it, point by point.
 
-Where hits are sparse, as among trees, earlier scans make no surfaces. Their points still agree best at the right motion
-(E. Olson, "Real-time correlative scan matching", ICRA 2009).
+Sparse hits, as among trees, form no surfaces. Their points still agree best at the right motion (E. Olson, "Real-time
+correlative scan matching", ICRA 2009).
 """
 
 from functools import reduce
@@ -17,51 +17,51 @@ from tbmslam.kernels.search.correlation import WALL, GainField, correlate
 
 _RESOLUTION = 0.1
 _BLUR = 0.2
-"""Distance between the hits of two scans on the same thing, one standard deviation [m]."""
+"""Standard deviation of the distance between hits of two scans on the same object [m]."""
 
 _REACH, _TURN_REACH, _STEP = 6, 30, 0.02
-"""Change of motion that is searched for: cells and steps of the heading to each side, and such a step [rad]."""
+"""Range of the search in cells and in steps of the heading to each side, and a step of the heading [rad]."""
 
 _SHIFTS: FloatArray = _RESOLUTION * np.arange(-_REACH, _REACH + 1, dtype=np.float64)
 _TURNS: FloatArray = _STEP * np.arange(-_TURN_REACH, _TURN_REACH + 1, dtype=np.float64)
 
 _CHANGE = 0.15
-"""Scale of the change of motion from scan to scan [m], [rad], of a Cauchy distribution."""
+"""Scale of the Cauchy distribution of the change of motion from scan to scan [m], [rad]."""
 
 _PRIOR = 0.05
-"""Weight of that distribution beside the share of points that agree."""
+"""Weight of this distribution relative to the share of matching points."""
 
 _FLOOR = 0.04, 0.01
-"""Standard deviations at best [m], [rad]: between scans of fr-clinic 19 of 20 errors are below twice as much."""
+"""Least standard deviations [m], [rad]: between scans of fr-clinic 19 of 20 errors are below twice these values."""
 
 _UNLIKE = 0.35
-"""Share of points that agree below which earlier scans are compared, too: few pairs of consecutive scans have less."""
+"""Share of matching points below which earlier scans are compared too; few pairs of consecutive scans have less."""
 
 _ALIKE = 0.55
-"""Share of points that agree from which on two scans are of the same place: 19 of 20 consecutive scans of fr-clinic are
-above it, 19 of 20 pairs of other places outdoors below .22 and indoors below .57."""
+"""Least share of matching points for two scans of the same place: 19 of 20 consecutive scans of fr-clinic have more. Of
+pairs of different places 19 of 20 have less than .22 outdoors and less than .57 indoors."""
 
 _LEAST_POINTS = 30
-"""Of fewer points chance decides: with 15 a drive among pillars without odometry errs by 13 m, with 30 or without this
-module by 10 m (`weak-lasers`)."""
+"""Least number of points. With 15 the error of a drive among pillars without odometry is 13 m, with 30 or without this
+module 10 m (`weak-lasers`)."""
 
 _KEPT = 8
-"""A robot that tilts, as over a kerb, sees the ground for a scan or two. The next one resembles earlier scans."""
+"""Number of earlier scans. A tilted robot, as over a kerb, sees the ground for one or two scans."""
 
 
 class ScanMotion(NamedTuple):
-    """A scan as seen from an earlier one."""
+    """The motion from an earlier scan to a scan."""
 
     motion: SE2
-    """Its pose in the frame of the earlier one."""
+    """Pose of the scan in the frame of the earlier scan."""
     deviations: tuple[float, float]
     """Standard deviations of position [m] and heading [rad]."""
     alike: float
-    """Share of its points that agree with the earlier one."""
+    """Share of its points that match the earlier scan."""
 
     @property
     def is_likely(self) -> bool:
-        """Whether both are of the same place."""
+        """Whether both scans show the same place."""
         return self.alike >= _ALIKE
 
 
@@ -81,22 +81,15 @@ class RecentScans:
         self._scans: list[_PlacedScan] = []
 
     def remember(self, stamp: float, points: FloatArray, pose: SE2) -> None:
-        """Add a scan; it replaces a scan of the same stamp, which was placed once more."""
+        """Add a scan, or replace the scan of the same stamp after a second registration."""
         before = self._before(stamp)
         motion = before[-1].pose.to(pose) if before else SE2.identity()
         self._scans = [*before, _PlacedScan(stamp, points, pose, motion)][-_KEPT - 1 :]
 
     def place(self, stamp: float, points: FloatArray, guess: SE2) -> ScanMotion | None:
-        """Return the pose of a scan in the frame of the recent scans; None where there is nothing to compare.
+        """Return the pose of a scan with hits (N, 2) [m] in the frame of the recent scans; None without such scans.
 
-        Parameters
-        ----------
-        stamp
-            Of the scan [s].
-        points
-            Its hits (N, 2), in the frame of the laser [m].
-        guess
-            Its pose if the robot goes on as before.
+        `guess` is the pose that continues the present motion, and `stamp` the time of the scan [s].
         """
         best: ScanMotion | None = None
         for scans, scan in enumerate(reversed(self._before(stamp)), start=1):
@@ -111,20 +104,12 @@ class RecentScans:
         return best
 
     def _before(self, stamp: float) -> list[_PlacedScan]:
-        """Return the scans but one of a stamp."""
+        """Return the scans with other stamps."""
         return [scan for scan in self._scans if scan.stamp != stamp]
 
 
 def motion_between(before: FloatArray, now: FloatArray, guess: SE2) -> ScanMotion:
-    """Return a scan as seen from an earlier one.
-
-    Parameters
-    ----------
-    before, now
-        Hits (N, 2), (M, 2) of the earlier and the later scan, in the frames of the laser [m].
-    guess
-        The motion between them as expected.
-    """
+    """Return the motion, near a guess, between scans with hits (N, 2), (M, 2) in the frames of the laser [m]."""
     field, lattice = _field(before)
     sums = correlate(field, lattice, np.ascontiguousarray(now), (*guess,), _TURNS, _REACH)
     alike = sums / (WALL * len(now))
@@ -137,7 +122,7 @@ def motion_between(before: FloatArray, now: FloatArray, guess: SE2) -> ScanMotio
         guess.y + (up - _REACH) * _RESOLUTION,
         guess.theta + (turn - _TURN_REACH) * _STEP,
     )
-    # Each point is a measurement, so the posterior's logarithm grows with their number.
+    # Each point is a measurement, so the log posterior grows with the number of points.
     weights = np.exp(len(now) * (posterior - posterior[at]))
     by_turn, by_row, by_col = (
         _deviation(values, weights, others)
@@ -148,7 +133,7 @@ def motion_between(before: FloatArray, now: FloatArray, guess: SE2) -> ScanMotio
 
 
 def _field(points: FloatArray) -> tuple[GainField, Lattice]:
-    """Return what a point gains in the cells around hits (N, 2), and where the cells lie."""
+    """Return the scores of a point in the cells around hits (N, 2), and the lattice of the cells."""
     cells = np.floor(points / _RESOLUTION).astype(np.int64)
     low = cells.min(axis=0) - _REACH
     cells -= low
@@ -160,7 +145,7 @@ def _field(points: FloatArray) -> tuple[GainField, Lattice]:
 
 
 def _peak(values: FloatArray, at: tuple[np.intp, ...], axis: int) -> float:
-    """Return where along an axis a parabola through the largest value and its neighbours peaks."""
+    """Return the position of the peak of a parabola through the largest value and its neighbours along an axis."""
     index = int(at[axis])
     line = values[tuple(slice(None) if each == axis else at[each] for each in range(values.ndim))]
     if not 0 < index < len(line) - 1:

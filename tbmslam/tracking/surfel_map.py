@@ -1,8 +1,8 @@
-"""A map of surface elements that a scan is laid onto below the size of a cell.
+"""A map of surfels, to which scans are registered with an accuracy below the size of a cell.
 
-Each cell keeps the moments of the hits in it; a surfel is their mean and spread over the cell and its neighbours, so a
-wall is a line with a position and a normal rather than a row of cells. After the normal distributions transform (Biber
-and Strasser 2003) with the point-to-line metric (Censi 2008): along a wall the surfel says nothing.
+Each cell stores the moments of its hits. A surfel is their mean and spread over the cell and its neighbours, so a wall
+is a line with a position and a normal instead of a row of cells. This is the normal distributions transform (Biber and
+Strasser 2003) with the point-to-line metric (Censi 2008): a surfel does not constrain a pose along its wall.
 """
 
 import math
@@ -33,7 +33,7 @@ from tbmslam.tracking.tracker import PosePrior
 
 
 class SurfelConfig(FrozenConfig):
-    """What makes a surface element."""
+    """The parameters of surfels."""
 
     resolution: float = Field(0.1, gt=0, description="side of a cell; an element gathers three by three [m]")
     noise: float = Field(
@@ -45,41 +45,25 @@ class SurfelConfig(FrozenConfig):
 
 
 class Registration(NamedTuple):
-    """How a scan fits a surfel map.
-
-    Parameters
-    ----------
-    pose
-        Where the scan's frame lies in the map's.
-    hessian
-        Curvature (3, 3) of the cost in x, y [1/m^2] and theta there, without the prior.
-    matched
-        Share of the hits that lie on surfaces, in [0, 1].
-    independent
-        How many independent hits the scan counts for.
-    surprise
-        Squared Mahalanobis distance of the pose from the prior's mean.
-    """
+    """The registration of a scan to a surfel map."""
 
     pose: SE2
+    """Pose of the scan in the map's frame."""
     hessian: FloatArray
+    """Curvature (3, 3) of the cost in x, y [1/m^2] and theta, without the prior."""
     matched: float
+    """Share of the hits on surfaces, in [0, 1]."""
     independent: float
+    """Number of independent hits of the scan."""
     surprise: float
+    """Squared Mahalanobis distance of the pose from the prior's mean."""
 
 
 class SurfelMap:
-    """Surfels on a lattice that grows with what is inserted; only cells near walls take memory.
+    """Surfels on a growing lattice; only cells near walls take memory.
 
-    Parameters
-    ----------
-    config
-        What makes a surface element.
-    spare
-        How much further than needed the lattice grows, so that it need not grow again soon; 0 where all comes at
-        once [m].
-    slots
-        Number of cells that have memory at first, so that the memory need not grow soon.
+    The lattice grows by `spare` more than needed, so that it grows rarely [m]; 0 for hits that are all known. `slots`
+    is the initial number of cells with memory.
     """
 
     def __init__(self, config: SurfelConfig, spare: float = 6.4, slots: int = CELLS) -> None:
@@ -97,7 +81,7 @@ class SurfelMap:
 
     @classmethod
     def of(cls, hits: Hits, config: SurfelConfig) -> "SurfelMap":
-        """Return the surfels of hits in the map's frame, with no room to spare."""
+        """Return the surfels of hits in the map's frame, without spare memory."""
         surfaces = cls(config, spare=0.0)
         if len(hits.points):
             surfaces._fill(hits)
@@ -105,7 +89,7 @@ class SurfelMap:
 
     @property
     def slots(self) -> int:
-        """How many cells have memory."""
+        """Number of cells with memory."""
         return len(self._surfels.moments)
 
     def insert(self, hits: Hits, pose: SE2) -> None:
@@ -123,7 +107,7 @@ class SurfelMap:
             insert_hits(self._arrays, used, hits.points, hits.normals, there)
 
     def _fill(self, hits: Hits) -> None:
-        """Add the first hits, in the map's frame: in half the time of `insert`, which finds too little room twice."""
+        """Add the first hits, in the map's frame; `insert` takes twice the time, since it enlarges the memory twice."""
         self._grow_to_contain(hits.points)
         tiles, _, _, lattice, _ = self._arrays
         cells, offsets = cells_of(hits.points, hits.normals, (0.0, 0.0, 0.0), lattice)
@@ -134,22 +118,12 @@ class SurfelMap:
     def place(
         self, scan: LaserScan, max_range: float, prior: PosePrior, T_robot_sensor: SE2, search: Search, hits: FloatArray
     ) -> tuple[Registration, int]:
-        """Lay a scan onto the surfaces; return where it lies, and how many hits it has.
+        """Register a scan to the surfels; return its registration and the number of its hits up to `max_range` [m].
 
-        Parameters
-        ----------
-        scan, max_range
-            The scan, and the range up to which its hits count [m].
-        prior
-            Where the robot probably was.
-        T_robot_sensor
-            Pose of the laser on the robot.
-        search
-            See `tbmslam.kernels.surfels.surfel_alignment.align`.
-        hits
-            (2, N, 2), written to: the hits [m] and their normals, in the scan's frame.
+        For `search` see `tbmslam.kernels.surfels.surfel_alignment.align`. `hits` (2, N, 2) receives the hits [m] and
+        their normals in the scan's frame.
         """
-        # Plain tuples come in in a third of the time of named ones.
+        # Plain tuples are passed in a third of the time of named tuples.
         beams = scan.angle_min, scan.angle_increment, (*scan.beam_step,), max_range
         start, mean, mount = (*prior.start,), (*prior.mean,), (*T_robot_sensor,)
         hessian = np.empty((3, 3))
@@ -167,20 +141,11 @@ class SurfelMap:
         search: Search,
         known: Pose = NOWHERE,
     ) -> Registration:
-        """Lay hits onto the surfaces.
+        """Register hits in the scan's frame, in the order of the beams, to the surfels.
 
-        Parameters
-        ----------
-        hits
-            Hits in the scan's frame, in the order of the beams.
-        start
-            Where the scan's frame is thought to lie.
-        mean, information
-            The prior's mean, and its inverse scale (3, 3); what the surfaces leave open keeps to the mean.
-        search
-            See `tbmslam.kernels.surfels.surfel_alignment.align`.
-        known
-            Where another registration of the hits lies: where this one comes to it, it ends there with a share of -1.
+        `start` is the initial pose. `mean` and `information` (3, 3) are the prior's mean and inverse scale. For
+        `search` see `tbmslam.kernels.surfels.surfel_alignment.align`. If the registration comes near the `known` result
+        of another one, it ends there with a share of -1.
         """
         hessian = np.empty((3, 3))
         x, y, theta, *fit = align(
@@ -189,30 +154,24 @@ class SurfelMap:
         return Registration(SE2(x, y, theta), hessian, *fit)
 
     def strays(self, hits: Hits, pose: SE2, span: float, tolerance: float) -> float:
-        """Return how many hits lie on no known surface, where all within some length [m] count as one.
+        """Return the number of hits on no known surface; hits within a length `span` of surface count as one [m].
 
-        At the tolerance [standard deviations] from a surface a hit counts half.
+        A hit at the distance `tolerance` from a surface counts half [standard deviations].
         """
         return float(strays(self._arrays, hits.points, hits.normals, (*pose,), span, tolerance))
 
     def search(
         self, hits: Hits, guess: SE2, reach: int, turns: FloatArray, tolerance: float, costs: tuple[float, float]
     ) -> SE2:
-        """Return the pose that matches best among all shifts by up to `reach` cells and all turns about a guess.
+        """Return the best pose among all shifts by up to `reach` cells and all turns (K,) about a guess [rad].
 
-        Parameters
-        ----------
-        turns
-            The turns (K,) [rad].
-        tolerance
-            Distance at which a hit counts half [standard deviations].
-        costs
-            Share of all hits that a metre and a radian away from the guess must win.
+        A hit at the distance `tolerance` counts half [standard deviations]. `costs` are the shares of all hits that a
+        pose must gain for a metre and for a radian away from the guess.
         """
         return SE2(*search(self._arrays, hits.points, hits.normals, (*guess,), reach, turns, tolerance, costs))
 
     def _make_room(self, slots: int) -> None:
-        """Have room for that many slots."""
+        """Allocate at least that many slots."""
         have = self.slots
         more = 2 * slots if self._spare else slots
         moments, fits = (np.zeros((more, width), dtype=np.float32) for width in (6, 8))

@@ -1,4 +1,4 @@
-"""A keyframe as the tracker left it, and what is known of the motion from one to the next."""
+"""Keyframes as tracked, and the motions between them."""
 
 import math
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ from tbmslam.tracking.tracker import ScanMatch
 
 @dataclass(frozen=True, slots=True)
 class TrackedKeyframe:
-    """A scan worth keeping, before loops are closed."""
+    """A keyframe before loop closing."""
 
     index: int
-    """Which reading of the drive it is."""
+    """Index of its reading in the drive."""
     outline: LaserScan
     """The scan without its ranges."""
     ranges: npt.NDArray[np.float32]
@@ -28,11 +28,11 @@ class TrackedKeyframe:
     T_robot_sensor: SE2
     """Pose of the laser on the robot."""
     match: ScanMatch
-    """Where the tracker placed it."""
+    """Its registration by the tracker."""
     prior: FloatArray
-    """Information (3, 3) of the laser's pose in the map's frame that the motion since the last keyframe gave."""
+    """Information (3, 3) of the laser's pose in the map's frame from the motion since the last keyframe."""
     T_odom_robot: SE2 | None = None
-    """Pose of the robot as the odometry has it; None where there was none."""
+    """Pose of the robot by odometry; None if unknown."""
 
     @classmethod
     def of(
@@ -44,7 +44,7 @@ class TrackedKeyframe:
         prior: FloatArray,
         T_odom_robot: SE2 | None = None,
     ) -> "TrackedKeyframe":
-        """Keep a scan."""
+        """Return a keyframe with a scan."""
         ranges = scan.ranges.astype(np.float32)
         return cls(index, scan.with_ranges(_NO_RANGES), ranges, T_robot_sensor, match, prior, T_odom_robot)
 
@@ -54,11 +54,11 @@ class TrackedKeyframe:
         return self.outline.with_ranges(self.ranges.astype(np.float64))
 
     def with_scan(self, scan: LaserScan) -> "TrackedKeyframe":
-        """Return it with other ranges."""
+        """Return the keyframe with the ranges of another scan."""
         return replace(self, outline=scan.with_ranges(_NO_RANGES), ranges=scan.ranges.astype(np.float32))
 
     def moved(self, T_new_map: SE2) -> "TrackedKeyframe":
-        """Return it as seen from another frame."""
+        """Return the keyframe in another frame of the map."""
         match = self.match._replace(T_map_sensor=T_new_map @ self.match.T_map_sensor)
         rotation = SE2(0.0, 0.0, T_new_map.theta).matrix()
         if match.information is not None:
@@ -71,7 +71,7 @@ _NO_ODOMETRY = math.nan, math.nan, math.nan
 
 
 def packed(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> Keyframes:
-    """Return what a map remembers of keyframes at poses (K, 3) of the robot."""
+    """Return the keyframes of a map at poses (K, 3) of the robot."""
     outlines = [k.outline for k in keyframes]
     return Keyframes(
         stamps=np.array([o.stamp for o in outlines], dtype=np.float64),
@@ -88,15 +88,15 @@ def packed(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> Keyframes
 
 
 def odometry(keyframes: Sequence[TrackedKeyframe]) -> FloatArray:
-    """Return the poses (K, 3) of the robot as the odometry has them; nan where there was none."""
+    """Return the poses (K, 3) of the robot by odometry; nan if unknown."""
     return stacked([k.T_odom_robot or _NO_ODOMETRY for k in keyframes])
 
 
 def motions(keyframes: Sequence[TrackedKeyframe]) -> DriveMotions:
     """Return the tracked motions between consecutive keyframes.
 
-    Combines what the surfaces and the odometry know of a step. Both know the pose in the map's frame; an edge says it
-    in the later keyframe's. A floor stands for what laying scans onto surfaces gets wrong systematically.
+    The informations of the scan and of the odometry about each step are combined. Both are in the map's frame; an edge
+    has the frame of the later keyframe. A least variance represents the systematic errors of the registration.
     """
     if len(keyframes) < 2:
         return DriveMotions(np.zeros((0, 3)), np.zeros((0, 3, 3)))
@@ -126,5 +126,5 @@ def chain(measured: DriveMotions, first: int = 0) -> list[MotionEdge]:
 
 
 def poses_of_sensor(keyframes: Sequence[TrackedKeyframe]) -> FloatArray:
-    """Return the poses (K, 3) of the laser as the tracker has them."""
+    """Return the poses (K, 3) of the laser as tracked."""
     return stacked([k.match.T_map_sensor for k in keyframes])

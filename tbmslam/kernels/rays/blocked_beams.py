@@ -29,7 +29,7 @@ def follow_beams(
     fewest
         Least number of neighbouring beams that are blocked, or suspected, together.
     """
-    stamp, way, turn, step = here
+    stamp, path_length, turn, step = here
     spread, near, travelled, turned, very_near, soon, soon_turned = limits
     blocked, suspected = np.zeros(len(ranges), dtype=np.bool_), np.zeros(len(ranges), dtype=np.bool_)
     for i in range(len(ranges)):
@@ -38,11 +38,11 @@ def follow_beams(
             state[2, i] += step
         else:
             if not abs(ranges[i] - state[0, i]) <= spread:  # a changed range is not a part of the robot
-                state[0, i], state[1, i], state[2, i] = ranges[i], stamp, way
+                state[0, i], state[1, i], state[2, i] = ranges[i], stamp, path_length
                 state[3, i] = state[4, i] = turn
             state[3, i], state[4, i] = max(state[3, i], turn), min(state[4, i], turn)
         if state[0, i] < near:
-            length, angle = way - state[2, i], state[3, i] - state[4, i]
+            length, angle = path_length - state[2, i], state[3, i] - state[4, i]
             suspected[i] = state[0, i] < very_near and length + angle > 0.0
             is_soon = suspected[i] and length >= soon and angle >= soon_turned
             blocked[i] = is_soon or (length >= travelled and angle >= turned)

@@ -45,23 +45,23 @@ def shortest_paths(places: int, edges: IntArray, lengths: FloatArray, start: int
 
     Bellman and Ford's algorithm, with the edges in both orders. It converges quickly for edges sorted by place.
     """
-    ways = np.full(places, np.inf)
-    ways[start] = 0.0
+    distances = np.full(places, np.inf)
+    distances[start] = 0.0
     shorter = True
     while shorter:
         shorter = False
         for turn in range(2 * len(edges)):
             e = turn if turn < len(edges) else 2 * len(edges) - 1 - turn
             one, other = edges[e, 0], edges[e, 1]
-            if ways[one] + lengths[e] < ways[other]:
-                ways[other], shorter = ways[one] + lengths[e], True
-            elif ways[other] + lengths[e] < ways[one]:
-                ways[one], shorter = ways[other] + lengths[e], True
-    return ways
+            if distances[one] + lengths[e] < distances[other]:
+                distances[other], shorter = distances[one] + lengths[e], True
+            elif distances[other] + lengths[e] < distances[one]:
+                distances[one], shorter = distances[other] + lengths[e], True
+    return distances
 
 
 @kernel
-def shown_before(poses: FloatArray, first: int, reach: float, turn: float, enough: int) -> npt.NDArray[np.bool_]:
+def revisited(poses: FloatArray, first: int, reach: float, turn: float, enough: int) -> npt.NDArray[np.bool_]:
     """Return which poses (N, 3) have at least `enough` earlier poses within a distance and a turn.
 
     The earlier poses are those before `first`, and later ones without enough earlier poses of their own.

@@ -1,4 +1,4 @@
-"""A scan moved onto surface elements: the pose of the largest posterior, by Gauss and Newton's steps."""
+"""Registration of a scan to surfels: the pose with the largest posterior, by Gauss-Newton."""
 
 import math
 from typing import cast
@@ -21,34 +21,34 @@ from tbmslam.kernels.surfels.surfels import (
 Beams = tuple[float, float, Pose, float]
 """Direction of the first beam, step between beams [rad], motion from beam to beam, largest range [m]."""
 Search = tuple[float, float, float, FloatArray, int, int]
-"""What `align` is told of the search."""
+"""The parameters of `align`."""
 Placed = tuple[float, float, float, float, float, float]
-"""What `align` returns; numbers come out in a tenth of the time of arrays, which it writes to."""
+"""The result of `align`; numbers are returned in a tenth of the time of arrays."""
 
 BITS, MASK = np.uint32(TILE_BITS), np.uint32(IN_TILE)
 
 LEADING_POINTS = 120
-"""Points that lead through the wide tolerances, at least."""
+"""Least number of points for the wide tolerances."""
 
 STALE = 0.3
-"""Part of a cell that points move by before their surfels are looked up anew."""
+"""Motion of points after which their surfels are looked up again [cells]."""
 
 IN_COMMON = 0.01
-"""Share of their variance that all hits of a scan have in common, since the laser's heading and the surfaces err as
-wholes: a thousand hits count for less than a hundred. With 0 the hospital drive (fr-clinic) is off by 1.07 m in the
-mean instead of 0.10 m (`tools/benchmark.py slam`)."""
+"""Common share of the variance of all hits of a scan, from the errors of the heading and of whole surfaces: a thousand
+hits count as less than a hundred. With 0 the mean error of the hospital drive (fr-clinic) is 1.07 m instead of 0.10 m
+(`tools/benchmark.py slam`)."""
 
 SAME_PLACE, SAME_HEADING = 0.001, 0.0005
-"""A narrow search so near to where another one ended would end there, too [m], [rad]."""
+"""Distance from a known result at which a narrow search ends [m], [rad]."""
 
 NOWHERE = (math.nan, math.nan, math.nan)
-"""A pose that nothing is near to."""
+"""A pose far from all others."""
 
 _EACH = cast("int", np.int64(1))
-"""As a plain number it would be a constant, for which what it is passed to is compiled anew."""
+"""A typed number; a plain number would be a constant, for which the called kernels are compiled again."""
 
 TYPICAL_RANGE = 5.0
-"""Distance of points by which a turn moves them, as far as that matters [m]."""
+"""Distance of points in estimates of their motion by a rotation [m]."""
 
 
 @kernel
@@ -61,28 +61,13 @@ def pair_up(
     pose: Pose,
     pairs: FloatArray,
 ) -> tuple[int, float]:
-    """Write every n-th point that has a surfel, and the surfel, to a column of `pairs`.
+    """Write every n-th point with a surfel, and the surfel, to a column of `pairs`; return the number of pairs.
 
-    Hits of one surface err alike where they are near each other: a hit counts as many independent ones as the length of
-    surface that it stands for holds correlation lengths, and one at the most.
-
-    Parameters
-    ----------
-    points, normals
-        Points (N, 2) [m] in the order of the beams and the normals (N, 2) of what was hit, in the scan's frame.
-    every
-        Which n that is.
-    span
-        Correlation length [m].
-    pose
-        Where the scan lies.
-    pairs
-        (8, N + 1): a point in the scan's frame, its surfel's mean, information xx, xy, yy, and weight, in rows so that
-        sums over them are vectorised. A column more is written over.
-
-    Returns
-    -------
-    How many pairs there are, and how many independent hits all the points count for.
+    Also returns the number of independent hits of all points. Near hits on one surface have correlated errors: a hit
+    counts as the ratio of its length of surface to the correlation length `span` [m], at most as one. The points (N, 2)
+    [m] and normals (N, 2) are in the scan's frame, in the order of the beams. `pairs` (8, N + 1) has the point in the
+    scan's frame, the mean, the information xx, xy, yy and the weight of its surfel, in rows so that sums are
+    vectorised. One more column is overwritten.
     """
     tiles, _, fits, lattice, _ = surfels
     resolution, first_row, first_col = lattice
@@ -90,11 +75,11 @@ def pair_up(
     rows, cols = float(tile_rows * SIDE), float(tile_cols * SIDE)
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
-    # What tells the layers apart, in the scan's frame; see `layer_of`.
+    # The direction that separates the layers, in the scan's frame; see `layer_of`.
     facing_x, facing_y = cosine * FACING[0] + sine * FACING[1], cosine * FACING[1] - sine * FACING[0]
     inverse, count, independent = 1.0 / resolution, np.uint64(0), 0.0
     per_span, before = 0.5 / span, 0.5
-    # Negative indices count from the end. Unsigned ones need no check for that.
+    # Unsigned indices need no check for negative values.
     stop, step = np.uint64(len(points)), np.uint64(every)
     for i in range(np.uint64(0), stop, step):
         px, py = points[i, 0], points[i, 1]
@@ -119,7 +104,7 @@ def pair_up(
         for k in range(5):
             pairs[2 + k, count] = fits[slot, k]
         pairs[7, count] = share * fits[slot, 5]
-        # A branch would be guessed wrongly too often: what has no surfel is written over.
+        # A branch would often be mispredicted. Points without surfel are overwritten instead.
         count += np.uint64(fits[slot, 5] > 0.0)
     return int(count), independent
 
@@ -128,11 +113,11 @@ def pair_up(
 def linearise(
     pairs: FloatArray, count: int, pose: Pose, tolerance: float, hessian: FloatArray, gradient: FloatArray
 ) -> float:
-    """Fill the normal equations of a scan's distance to its surfels; return how many independent hits match.
+    """Write the normal equations of the distances of a scan to its surfels.
 
-    `pairs` are as `pair_up` writes them. The cost of a point is Geman and McClure's t^2 d^2 / (t^2 + d^2) of its
-    Mahalanobis distance d, with the tolerance t in standard deviations: far points lose their influence. The pose is
-    perturbed in the map's frame, its rotation about the sensor.
+    Returns the number of independent matching hits. For `pairs` see `pair_up`. The cost of a point with Mahalanobis
+    distance d is Geman and McClure's t^2 d^2 / (t^2 + d^2), with the tolerance t in standard deviations, so distant
+    points lose their influence. The pose is perturbed in the map's frame, its rotation about the sensor.
     """
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
@@ -183,24 +168,23 @@ def place_scan(
     hits: FloatArray,
     hessian: FloatArray,
 ) -> tuple[Placed, int]:
-    """Return where a scan lies as `align` does, and how many hits it has.
+    """Register a scan as `align` does, and return the result and the number of its hits.
 
     Parameters
     ----------
     surfels
-        The fields of a `Surfels`, which come in in a quarter of the time as a plain tuple.
+        The fields of a `Surfels` as a plain tuple, which is passed in a quarter of the time.
     ranges, beams
-        Ranges (N,), direction of the first beam, step between beams [rad], motion from beam to beam, and the range up
-        to which hits count [m].
+        Ranges (N,), direction of the first beam, step between beams [rad], motion from beam to beam, and the largest
+        range of a hit [m].
     start, mean, deviations
-        Where the robot is thought to be, first and by the prior, and the prior's deviations along, across and in
-        heading.
+        Initial pose and prior pose of the robot, and the prior's deviations along, across and in heading.
     mount
         Pose of the laser on the robot.
     search
-        As for `align`; every so many hits is used that not many more than `search[4]` are.
+        As for `align`; only every n-th hit is used, so that about `search[4]` are used.
     hits
-        (2, N, 2), written to: the hits [m] and their normals, in the scan's frame.
+        (2, N, 2); receives the hits [m] and their normals in the scan's frame.
     hessian
         As for `align`.
     """
@@ -213,7 +197,7 @@ def place_scan(
 
 @kernel
 def composed(first: Pose, second: Pose) -> Pose:
-    """Return `first @ second`, the heading not wrapped."""
+    """Return `first @ second` without wrapping the heading."""
     cosine, sine = math.cos(first[2]), math.sin(first[2])
     x, y = first[0] + cosine * second[0] - sine * second[1], first[1] + sine * second[0] + cosine * second[1]
     return x, y, first[2] + second[2]
@@ -231,10 +215,10 @@ def align(
     known: Pose,
     hessian: FloatArray,
 ) -> Placed:
-    """Move a scan onto the surfels by Gauss-Newton.
+    """Register a scan to the surfels by Gauss-Newton.
 
-    The pose has a prior of Student's t distribution: the scan is believed where an odometry that slipped is far off,
-    and a direction that the surfels do not determine keeps the mean.
+    The prior of the pose is Student's t distribution. So the scan prevails over odometry that slipped, and a direction
+    that the surfels do not determine keeps the prior's mean.
 
     Parameters
     ----------
@@ -243,22 +227,22 @@ def align(
     points, normals
         As for `pair_up`.
     start
-        Where the search begins.
+        Initial pose.
     mean, information
         The prior's mean, and its inverse scale (3, 3) in the map's frame.
     search
-        The prior's degrees of freedom; correlation length of the hits [m]; how many independent hits all of them count
-        for at the most; distances at which a hit loses its influence [standard deviations], worked through from wide
-        to narrow; how many hits are used, about; steps for each tolerance, at the most.
+        The prior's degrees of freedom; correlation length of the hits [m]; largest number of independent hits in all;
+        tolerances, from wide to narrow [standard deviations]; approximate number of used hits; largest number of steps
+        for each tolerance.
     known
-        A pose that another search ended at, `NOWHERE` for none: this search ends there, too, once it is so near.
+        Result of another search, or `NOWHERE`: this search ends as soon as it is near this pose.
     hessian
-        (3, 3), written to: the curvature of the scan's cost alone.
+        (3, 3); receives the curvature of the scan's cost.
 
     Returns
     -------
-    The pose's x, y [m] and theta [rad], the share of the hits that match, how many independent hits they count for, and
-    the squared Mahalanobis distance from the prior's mean. The share is -1 where the search ended at the known pose.
+    x, y [m] and theta [rad] of the pose, the share of matching hits, the number of independent hits, and the squared
+    Mahalanobis distance from the prior's mean. The share is -1 if the search ended at the known pose.
     """
     freedom, span, most, tolerances, enough_points, iterations = search
     every = max(len(points) // enough_points, 1)
@@ -269,7 +253,7 @@ def align(
     near = STALE * surfels[3][0]
     count, moved, paired = 0, math.inf, 0
     for level in range(len(tolerances)):
-        # A wide tolerance only leads to where the next one starts.
+        # A wide tolerance only gives the initial pose for the next tolerance.
         is_last = level == len(tolerances) - 1
         enough = 1.0 if is_last else 10.0
         stride = every if is_last else max(every, len(points) // LEADING_POINTS)
@@ -311,16 +295,10 @@ def align(
 def strays(
     surfels: SurfelArrays, points: FloatArray, normals: FloatArray, pose: Pose, span: float, tolerance: float
 ) -> float:
-    """Return how many independent hits of a scan at a pose match no surfel.
+    """Return the number of independent hits of a scan at a pose that match no surfel.
 
-    Parameters
-    ----------
-    surfels, points, normals, pose
-        As for `align` and `pair_up`.
-    span
-        Length of surface that counts as one hit [m].
-    tolerance
-        Distance at which a hit counts half [standard deviations].
+    Hits within a length `span` of surface count as one [m]. A hit at the distance `tolerance` counts half [standard
+    deviations]. For the other arguments see `align` and `pair_up`.
     """
     pairs, hessian, gradient = np.empty((8, len(points) + 1)), np.zeros((3, 3)), np.zeros(3)
     count, independent = pair_up(surfels, points, normals, _EACH, span, pose, pairs)
@@ -329,20 +307,17 @@ def strays(
 
 @kernel
 def _design_effect(independent: float, most: float) -> float:
-    """Return what a hit counts for where so many have some of their errors in common (Kish, 1965).
-
-    At the most `most` hits count altogether.
-    """
+    """Return the weight of a hit among correlated hits (Kish, 1965), so that all hits count as at most `most` hits."""
     in_common = 1.0 / (1.0 + IN_COMMON * max(independent - 1.0, 0.0))
     return min(in_common, most / max(independent, 1e-9))
 
 
 @kernel
 def _drop_weak_direction(hessian: FloatArray, gradient: FloatArray) -> None:
-    """Silence a direction of the plane that hardly any surface faces, such as the one along a corridor.
+    """Remove a direction of the plane that hardly any surface determines, such as the one along a corridor.
 
-    Fitted normals scatter by a degree or two, and what that leaks along a wall is no evidence: a curvature below 1/8 %
-    of the one across is dropped, above 3/8 % it is kept, with a ramp between. More would silence door frames too.
+    Fitted normals have errors of a degree or two, which cause false evidence along a wall. A curvature below 1/8 % of
+    that across is removed, above 3/8 % it is kept, with a ramp between. Larger limits would remove door frames too.
     """
     middle = 0.5 * (hessian[0, 0] + hessian[1, 1])
     spread = math.hypot(0.5 * (hessian[0, 0] - hessian[1, 1]), hessian[0, 1])
@@ -353,7 +328,7 @@ def _drop_weak_direction(hessian: FloatArray, gradient: FloatArray) -> None:
         return
     angle = 0.5 * math.atan2(2.0 * hessian[0, 1], hessian[0, 0] - hessian[1, 1])
     weak = (-math.sin(angle), math.cos(angle))
-    # P = I - (1 - kept) weak weak^T leaves the rest as it is; the system becomes P H P, P g.
+    # P = I - (1 - kept) weak weak^T does not change other directions; the system becomes P H P, P g.
     for a in range(3):
         along = hessian[a, 0] * weak[0] + hessian[a, 1] * weak[1]
         for b in range(2):

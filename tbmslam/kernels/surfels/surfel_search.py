@@ -1,4 +1,4 @@
-"""The place where a scan fits surface elements best, among all around a guess."""
+"""Exhaustive search for the pose of a scan on surfels around a guess."""
 
 import math
 
@@ -23,9 +23,9 @@ def search(
 ) -> Pose:
     """Try every turn (K,) [rad] about the guess and every shift by up to `reach` cells; return the best pose.
 
-    A point counts t^2 / (t^2 + d^2) of its Mahalanobis distance d; `costs` are the share of all points that a metre and
-    a radian away from the guess must win, so that the nearest of equals is taken. A pose whose points do not even lie
-    in enough cells with surfaces is not looked at more closely.
+    A point with Mahalanobis distance d scores t^2 / (t^2 + d^2) for the tolerance t. `costs` are the shares of all
+    points that the score must gain for a metre and for a radian away from the guess, so the nearest of equal poses is
+    taken. Poses with too few points in cells with surfaces are not scored.
     """
     resolution, width = surfels[3][0], 2 * reach + 1
     counts = _bounds(surfels, points, normals, guess, reach, turns)
@@ -44,7 +44,7 @@ def search(
                     first = at
     best_score, best = -math.inf, (guess[0], guess[1], guess[2])
     for is_rest in range(2):
-        # The first candidate rules most of the others out.
+        # The first candidate excludes most of the others.
         candidates = _most_promising_first(bounds, best_score) if is_rest else np.array([first])
         for candidate in candidates:
             if bounds[candidate] <= best_score:
@@ -65,9 +65,9 @@ def search(
 
 @kernel
 def _most_promising_first(bounds: npt.NDArray[np.float32], least: float) -> npt.NDArray[np.int64]:
-    """Return the places of bounds (N,) above a value, those of larger ones first, to the next integer.
+    """Return the indices of bounds (N,) above a value, larger ones first, sorted by their integer parts.
 
-    The sooner a good pose is looked at, the more of the others are ruled out.
+    An early good pose excludes many other poses.
     """
     lowest, highest, count = math.inf, -math.inf, 0
     for bound in bounds:
@@ -112,9 +112,9 @@ def _may_hold(surfels: SurfelArrays, margin: int) -> npt.NDArray[np.uint8]:
 def _bounds(
     surfels: SurfelArrays, points: FloatArray, normals: FloatArray, guess: Pose, reach: int, turns: FloatArray
 ) -> npt.NDArray[np.uint16]:
-    """Return how many points lie in cells that may have a surface, (K, 2 reach + 1, 2 reach + 1 or more).
+    """Return the number of points in cells that may have a surface, (K, 2 reach + 1, 2 reach + 1 or more).
 
-    The axes are turns, shifts by rows and by columns.
+    The axes are turns, shifts by rows, and shifts by columns.
     """
     resolution, first_row, first_col = surfels[3]
     width, margin = 2 * reach + 1, blocks_for(reach)
@@ -141,7 +141,7 @@ def _bounds(
 def _matched(
     surfels: SurfelArrays, points: FloatArray, normals: FloatArray, pose: Pose, tolerance: float, spare: float
 ) -> float:
-    """Return the sum of what points at a pose count; -inf once points on surfaces count by more than `spare` less."""
+    """Return the score of points at a pose; -inf as soon as points on surfaces lose more than `spare`."""
     tiles, _, fits, lattice, _ = surfels
     resolution, first_row, first_col = lattice
     rows, cols = tiles.shape[1] * SIDE, tiles.shape[2] * SIDE

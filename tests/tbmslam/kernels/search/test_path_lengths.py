@@ -2,7 +2,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from tbmslam.kernels.search.path_lengths import nearest_stretches, shortest_paths, shown_before
+from tbmslam.kernels.search.path_lengths import nearest_stretches, revisited, shortest_paths
 
 
 def test_distances_are_to_the_nearest_of_each_stretch(generator):
@@ -51,5 +51,5 @@ def test_poses_are_shown_by_enough_before_them(generator):
         turned = np.abs(np.angle(np.exp(1j * (poses[:k, 2] - poses[k, 2]))))
         near = (np.hypot(*(poses[:k, :2] - poses[k, :2]).T) <= 1.0) & (turned <= 0.8) & ~expected[:k]
         expected[k] = near.sum() >= 3
-    np.testing.assert_array_equal(shown_before(poses, 100, 1.0, 0.8, 3), expected)
+    np.testing.assert_array_equal(revisited(poses, 100, 1.0, 0.8, 3), expected)
     assert 20 < expected.sum() < 280
