@@ -49,7 +49,7 @@ def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
             product[k, i] = own[k, i, 0] * x + own[k, i, 1] * y + own[k, i, 2] * theta
     for e in range(len(motions.ends)):
         _add_motion(motions.across[e], motions.ends[e, 0], motions.ends[e, 1], changes, product)
-    couplings, inverses, seers, begins = lines
+    couplings, inverses, observers, begins = lines
     for line in range(len(inverses)):
         if inverses[line, 2] == 0.0:
             continue

@@ -59,7 +59,7 @@ class Sightings(NamedTuple):
     """Of how many pieces."""
     moments: FloatArray
     """Of each (O, 6): count of hits, sums of x, y, x^2, xy, y^2 from the stretch's place, along the map's axes [m]."""
-    seers: IntArray
+    observers: IntArray
     """Its stretch (O,)."""
     pieces: IntArray
     """The piece (O,) of each sighting."""
@@ -135,7 +135,7 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
     """
     walls, begins, sectors = hits.walls, hits.wall_begins, raster.sectors
     size = (begins[-1] + hits.loose_begins[-1]) // every + 2 * len(poses)  # the rest of each stretch is rounded up
-    moments, seers, pieces = np.empty((size, 6)), np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+    moments, observers, pieces = np.empty((size, 6)), np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
     latest = np.empty(size, dtype=np.int64)
     table, numbers = np.full((_FEWEST, 2), _NOBODY), np.full(_FEWEST // 2 * sectors, -1)
     most = _most(begins)
@@ -162,10 +162,10 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
             o = latest[np.uint64(piece)]
             if o < first:
                 latest[piece] = o = count
-                _begin_sighting(moments, seers, pieces, o, k, piece)
+                _begin_sighting(moments, observers, pieces, o, k, piece)
                 count += 1
             _add_hit(moments, o, placed[0, j], placed[1, j])
-    return Sightings(count, pieces_met, moments, seers, pieces), Pieces(table, numbers)
+    return Sightings(count, pieces_met, moments, observers, pieces), Pieces(table, numbers)
 
 
 @kernel
@@ -214,7 +214,7 @@ def join_walls(
     `seen` and `known` are the result of `see_walls`; for the lines (L, 5) of the pieces see `lines_by_cell`.
     """
     loose, begins = hits.loose, hits.loose_begins
-    count, pieces_met, moments, seers, pieces = seen
+    count, pieces_met, moments, observers, pieces = seen
     latest = np.full(len(lines), -1)
     firsts, members = lines_by_cell(known, lines, raster.sectors)
     placed, keys = np.empty((2, _most(begins))), np.empty(_most(begins), dtype=np.int64)
@@ -236,9 +236,9 @@ def join_walls(
             if met != 1:
                 continue
             o = latest[np.uint64(piece)]
-            if o < 0 or seers[np.uint64(o)] != k:
+            if o < 0 or observers[np.uint64(o)] != k:
                 latest[piece] = o = count
-                _begin_sighting(moments, seers, pieces, o, k, piece)
+                _begin_sighting(moments, observers, pieces, o, k, piece)
                 count += 1
             _add_hit(moments, o, x, y)
     return Sightings(count, pieces_met, moments, observers, pieces)
@@ -308,8 +308,10 @@ def _place_hits(
 
 
 @kernel
-def _begin_sighting(moments: FloatArray, seers: IntArray, pieces: IntArray, o: int, seer: int, piece: int) -> None:
-    seers[o], pieces[o] = seer, piece
+def _begin_sighting(
+    moments: FloatArray, observers: IntArray, pieces: IntArray, o: int, observer: int, piece: int
+) -> None:
+    observers[o], pieces[o] = observer, piece
     for m in range(6):
         moments[o, m] = 0.0
 
