@@ -1,4 +1,4 @@
-"""Where the robot probably is now: its last pose, moved as the wheels say, and how far that can be wrong."""
+"""The prior on the robot's pose: its last pose and the odometry's motion since, with their noise."""
 
 import math
 from typing import Literal
@@ -13,11 +13,11 @@ from tbmslam.tracking.odometry_noise import Deviations, OdometryNoise, OdometryN
 from tbmslam.tracking.tracker import Coasting, PosePrior
 
 _JUMP = 2.0
-"""A step of the odometry beyond what the speed explains by more than this is no motion [m]."""
+"""An odometry step that exceeds what the robot can drive by more is a jump [m]."""
 _LONGEST = 2.0
-"""Times the last step that a robot is thought to go on as before, by stamps that may be wrong."""
+"""Largest ratio of a step to the last one when the robot goes on as before; stamps may be wrong."""
 _FORGETTING = 0.05
-"""Share of the usual time between scans that the latest one makes."""
+"""Weight of the latest time between scans in the usual one."""
 _NONE = 0.0, 0.0, 0.0
 _SPEED = 1.0
 """Usual speed of robots, where the last motion is not known [m/s], [rad/s]."""
@@ -26,7 +26,7 @@ _TOP_SPEED = 15.0
 
 
 class MotionConfig(FrozenConfig):
-    """How odometry is used and how far it is trusted between two scans."""
+    """Use and noise of the odometry between two scans."""
 
     composition: Literal["group", "component"] = Field(
         "group", description="'component' adds x, y and theta one by one as the original program does"
@@ -37,9 +37,9 @@ class MotionConfig(FrozenConfig):
 
 
 class MotionModel:
-    """Carries the pose from one reading to the next.
+    """Predicts the robot's pose at the next reading.
 
-    Odometry is taken as one motion since the last keyframe, so that its deviations do not depend on the rate of scans.
+    The odometry counts as one motion since the last keyframe, so its deviations do not depend on the rate of scans.
     """
 
     def __init__(self, config: MotionConfig) -> None:
@@ -52,14 +52,14 @@ class MotionModel:
         self._ahead, self._impossible = 0.0, 0
         self._step, self._jumped = (0.0, 0.0), False
         self._noise = OdometryNoise(config.odometry)
-        # The odometry's frame by the last keyframe, and how far the odometry has gone since then.
+        # The odometry's frame at the last keyframe, and the odometry's distance and turn since then.
         self._T_map_odom = SE2.identity()
         self._distance, self._turn = 0.0, 0.0
-        self._variances = _NONE  # since the last keyframe, of what came before the odometry's motion
-        self._of_keyframe: Deviations = _NONE  # squared deviations of the last keyframe's pose against what is near
+        self._variances = _NONE  # of motions without odometry since the last keyframe
+        self._of_keyframe: Deviations = _NONE  # variances of the last keyframe's pose in the local map
 
     def predict(self, reading: Reading) -> PosePrior:
-        """Return where the robot is by odometry or, without any, by the motion between its last two readings.
+        """Return the prior by odometry or, without odometry, by the motion between the last two readings.
 
         The first reading lies at its odometry pose, so the map's frame is the odometry's frame of that moment.
         """
@@ -81,7 +81,7 @@ class MotionModel:
             start = SE2(*(p + n - b for p, n, b in zip(self._T_map_robot, now, before, strict=True)))
             return PosePrior(start, motion, motion, start, _no_coasting, by_odometry=True)
         start, deviations = self._T_map_robot @ step, _with_variances(motion, self._of_keyframe)
-        # By place, as names take half as long again.
+        # Positional arguments, since names take half as long again.
         return PosePrior(
             self._T_map_odom @ now,
             deviations,
@@ -102,10 +102,10 @@ class MotionModel:
         return Coasting(self._T_map_robot, (far, far, far))
 
     def motion_after(self, reading: Reading, duration: float) -> SE2:
-        """Return how the robot moves in the time [s] after a reading that is about to be placed.
+        """Return the robot's motion in the time [s] after a reading that is not registered yet.
 
-        As the odometry goes on to the scan's last beam where that is known; else as it came since the last reading;
-        without odometry as the robot was found to move between its last two readings.
+        It comes from the odometry at the scan's last beam if that is known, else from the odometry since the last
+        reading. Without odometry it is the motion between the last two registered readings.
         """
         if duration <= 0.0:
             return SE2.identity()
@@ -117,16 +117,16 @@ class MotionModel:
         return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
 
     def motion_to(self, reading: Reading, T_map_robot: SE2, duration: float) -> SE2:
-        """Return how the robot moves in some time [s] if since the last reading it has come to a pose."""
+        """Return the robot's motion in a time [s] at the speed at which it came from the last reading to a pose."""
         since = reading.scan.stamp - self._stamp if self._stamp is not None else 0.0
         step = self._T_map_robot.to(T_map_robot)
         return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
 
     def correct(self, reading: Reading, T_map_robot: SE2, is_lost: bool = False) -> None:
-        """Take the pose that was found for a reading as the start of the next step.
+        """Use the registered pose of a reading as the start of the next step.
 
-        A lost scan contradicts its prior. Without odometry the prior is the last motion, which is then forgotten: a
-        robot that goes on as before, for want of scans that fit, circles for minutes (fr-clinic without odometry).
+        A lost scan contradicts its prior. Without odometry the prior is the last motion, which is then forgotten.
+        Otherwise a robot whose scans do not fit circles for minutes (fr-clinic without odometry).
         """
         now, before = reading.T_odom_robot, self._T_odom_robot
         if self._stamp is None:
@@ -163,14 +163,14 @@ class MotionModel:
         self._T_map_robot = T_map_robot
 
     def learn(self, prior: PosePrior, T_map_robot: SE2, information: FloatArray | None, T_robot_sensor: SE2) -> None:
-        """Learn how good the odometry is from where a keyframe was found.
+        """Learn the odometry's noise from the registration of a keyframe.
 
         Parameters
         ----------
         prior, T_map_robot
-            Where the robot was thought to be, and where it was found.
+            The prior on the robot's pose, and its registered pose.
         information
-            What the scan tells of the laser's pose in the map's frame (3, 3); None where it does not say.
+            Information of the scan on the laser's pose in the map's frame (3, 3); None if it is unknown.
         T_robot_sensor
             Pose of the laser on the robot.
         """
@@ -185,13 +185,13 @@ class MotionModel:
         self._of_keyframe = (1.0 - along) * a * a, (1.0 - across) * b * b, (1.0 - turn) * c * c
 
     def begin_at_keyframe(self, reading: Reading, T_map_robot: SE2) -> None:
-        """Take odometry from a keyframe on as one motion."""
+        """Begin the odometry's motion at a keyframe."""
         self._begin(reading, T_map_robot)
         self._variances = _NONE
 
     def deviations_since_keyframe(self, prior: PosePrior) -> Deviations:
-        """Return the deviations of the last reading's prior as one on the motion since the last keyframe."""
-        # Without odometry `correct` has added the prior's own.
+        """Return the deviations of the motion from the last keyframe to the last reading's prior."""
+        # Without odometry, `correct` has already added those of the prior.
         return _with_variances(prior.motion if prior.by_odometry else _NONE, self._variances)
 
     def _begin(self, reading: Reading, T_map_robot: SE2) -> None:
@@ -199,19 +199,19 @@ class MotionModel:
         self._distance, self._turn = 0.0, 0.0
 
     def _swerve(self, start: SE2, stamp: float) -> float:
-        """Return how far a step to a pose is from the robot's last motion at equal speed [m]."""
+        """Return the distance of a step to a pose from the robot's last motion at equal speed [m]."""
         if self._stamp is None or not 0.0 < self._duration <= 1.0:
             return 0.0
         ratio = min(max(stamp - self._stamp, 0.0) / self._duration, _LONGEST)
-        # Straight on: within a step the heading hardly changes, and a pose at constant twist takes ten times as long.
+        # Along a line: the heading hardly changes within a step, and a constant twist takes ten times as long.
         (before_x, before_y, _), (x, y, _) = self._last_move
         return math.hypot(start[0] - x - ratio * (x - before_x), start[1] - y - ratio * (y - before_y))
 
     def _beyond(self) -> float:
-        """Return how far the odometry came beyond what any robot's speed explains, lately and with this step [m].
+        """Return by how much the odometry exceeds what a robot can drive, with this step and the last ones [m].
 
-        A leaky bucket: lengths in centimetres make steps of metres, each of which might be a jump, but not all of them.
-        It leaks the slower, the more often steps were impossible lately, or each halt would give such lengths a chance.
+        A leaky bucket: odometry in centimetres makes steps of metres, of which one may be a jump, but not all. The
+        bucket leaks more slowly if steps were impossible lately, since such odometry would be trusted after each halt.
         """
         step, possible = self._step
         return self._ahead + step - possible / (1 + self._impossible)
@@ -241,7 +241,7 @@ class MotionModel:
 
 
 def _no_coasting() -> None:
-    """Return that inertia tells nothing beside the prior."""
+    """Return no pose, since the prior itself comes from the last motion."""
     return
 
 

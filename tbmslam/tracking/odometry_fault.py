@@ -1,4 +1,4 @@
-"""Whether the odometry is faulty now: reversed, frozen or slipping faults last for a while.
+"""The probability that the odometry is faulty: it may be reversed, frozen or slip for some time.
 
 A hidden Markov model of two states, right and faulty, with one step for each keyframe. Right odometry errs by Student's
 t distribution. Faulty odometry says nothing, so its error costs the same wherever the robot is. The forward algorithm
@@ -15,10 +15,10 @@ _BEGINS = 0.01
 _LASTS = 0.9
 """Probability that a fault lasts until the next keyframe, so ten keyframes or some three metres in the mean."""
 _FAULTY_COST = 5.0
-"""Negative log-likelihood of any pose under faulty odometry; it is 0 at the mean of right odometry. With 4, five of 28
-runs with reversed odometry err (`benchmark.py perturb`), with 6 two, with 5 one."""
+"""Negative log-likelihood of any pose under faulty odometry; it is 0 at the mean of right odometry. Of 28 runs with
+reversed odometry (`benchmark.py perturb`) one exceeds its bar, with 4 five do, with 6 two."""
 _SUSPECTED = 0.1
-"""Probability from which on other hypotheses are tried beside the odometry's: ten times that of a new fault."""
+"""From this probability on other hypotheses are tried: ten times that of a new fault."""
 
 
 class OdometryFault:

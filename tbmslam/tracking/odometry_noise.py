@@ -1,4 +1,4 @@
-"""How far odometry errs, estimated on the way from where scans put the robot.
+"""The noise of the odometry, estimated from the registration of scans.
 
 The deviations of a motion grow with its length and its turn. By which factor they are larger or smaller than stated is
 learnt for each axis from the corrections between keyframes: a correction's square counts as much as the scan determined
@@ -30,7 +30,7 @@ def student_cost(squared: float) -> float:
 
 
 class OdometryNoiseConfig(FrozenConfig):
-    """Standard deviations of odometry before anything is learnt, and how they are learnt."""
+    """Initial standard deviations of the odometry, and how they are learnt."""
 
     PUBLIC: ClassVar = ("position_per_metre", "heading_per_metre", "heading_per_radian")
 
@@ -51,12 +51,12 @@ class OdometryNoise:
     Attributes
     ----------
     factors
-        By which the deviations along, across and in heading differ from those stated.
+        Ratios of the estimated deviations along, across and in heading to the initial ones.
     """
 
     def __init__(self, config: OdometryNoiseConfig) -> None:
         self._config = config
-        # Asked for every scan, so they are looked up once.
+        # Needed for every scan, so they are looked up once.
         self._position = config.position_floor, config.position_per_metre, config.position_per_radian
         self._heading = config.heading_floor, config.heading_per_metre, config.heading_per_radian
         self._kept = math.exp(-1.0 / config.memory)

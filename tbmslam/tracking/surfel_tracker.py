@@ -1,4 +1,4 @@
-"""Registration of each scan to surfels of earlier keyframes, more exact than a cell."""
+"""Registers each scan on the surfels of earlier keyframes, with errors far below the size of a cell."""
 
 import math
 from typing import ClassVar, Literal, NamedTuple
@@ -19,33 +19,34 @@ from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
 from tbmslam.tracking.tracker import PosePrior, ScanMatch
 
 _STRAY = 4.0
-"""Log-odds of a thing to lie on a known surface where the pose is right: one of fifty does not. With 3, intel with
-reversed odometry is torn (`benchmark.py perturb`); with 5, crowds along corridors hold the robot back."""
+"""Log-odds that an object lies on a known surface at the right pose: one of fifty does not. With 3, intel with reversed
+odometry is torn (`benchmark.py perturb`). With 5, crowds along corridors hold the robot back."""
 _THING = 0.5
-"""Length of surface within which all hits are known or all are not, as those of a person [m]. With 0.1 m, as hits err,
-five people who go along a corridor hold the robot back by metres."""
+"""Hits within this length of surface count as one object, such as a person [m]. With 0.1 m, the scale at which hit
+errors are correlated, five people who walk along a corridor hold the robot back by metres."""
 _FEW, _MANY = 0.2, 15.0
-"""A scan of which a smaller share fits, and more independent hits fit nothing, says that the robot is elsewhere or that
-all has changed. Four good indoor drives stay above a share of 0.4."""
+"""A scan is lost if a smaller share of it fits and more independent hits fit nothing: the robot is elsewhere, or the
+place has changed. Four good indoor drives stay above a share of 0.4."""
 _LOST_TRUST = 0.01
-"""Weight of the odometry's information there: loops may move the rest of the drive by ten times its deviations."""
+"""Weight of the odometry's information at a lost scan: loop closures may move the rest of the drive by ten times its
+standard deviations."""
 _SURPRISING = 12.8
-"""Squared Mahalanobis distance from the prior beyond which other starts are tried; chance exceeds it once in 200."""
+"""Squared Mahalanobis distance from the prior beyond which other hypotheses are tried: chance exceeds it in 0.5 %."""
 _SWERVE = 0.1
 """A step of the odometry that differs more from the robot's last motion may be a fault: registration converges from no
-farther away [m]. Inertia may speak only there: it also comes from scans that people along the way held back. With 0.05
-a crowd (`tbmslam world --world hospital --seed 71`) costs 0.2 m instead of 0.02 m."""
+farther away [m]. Inertia counts only then, since people who walk along may have held the last scans back. With 0.05 a
+crowd in a simulated hospital costs 0.2 m instead of 0.02 m."""
 _CERTAIN = 2.0
-"""Standard deviations below its estimate at which a share is certain. Lasers of few hits need a denser map: with 0 the
-drive with a range of 1 m (`weak-lasers`) is off by 0.15 m instead of 0.03 m."""
+"""The certain share of a scan is its estimate minus this number of standard deviations. Lasers with few hits need a
+denser map: with 0 the drive with a range of 1 m (`weak-lasers`) errs by 0.15 m instead of 0.03 m."""
 _SAME_START = 0.05
-"""A search begins but once where its starts are nearer to each other: it looks half a metre around [m], [rad]."""
+"""Starts that are nearer to each other need one search, which covers half a metre around [m], [rad]."""
 _WORTHWHILE = 1.0
-"""Gain in log-likelihood below which a search found nothing else."""
+"""Smallest gain in log-likelihood for which a search replaces a pose."""
 
 
 class SurfelTrackerConfig(FrozenConfig):
-    """Registration of each scan to surfels of earlier keyframes, more exact than a cell."""
+    """Registration of each scan on the surfels of earlier keyframes."""
 
     PUBLIC: ClassVar = ("kind", "max_range")
 
@@ -125,17 +126,17 @@ class SurfelTracker:
         self._search_turns = np.arange(-config.search_turn, config.search_turn + 1e-9, 0.03)
 
     def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
-        """Lay the scan onto the surfaces; directions that they leave open keep the prior's mean."""
+        """Register the scan; directions that the surfaces do not determine keep the prior's mean."""
         match = self._match(scan, prior, T_robot_sensor)
         if not prior.by_odometry:
             self._scans_before.remember(scan.stamp, self._hits_of(scan).points, match.T_map_sensor)
         return match
 
     def _match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
-        """Lay the scan onto the surfaces. Without odometry the last scans give a better prior where it fits badly."""
+        """Register the scan. Without odometry, a scan that fits badly takes its prior from the last scans."""
         config, between = self._config, None
         self._surprise = None
-        if prior.deviations[0] == 0.0:  # the first scan lies where it lies
+        if prior.deviations[0] == 0.0:  # the first scan defines the frame
             self._seen = None
             return ScanMatch(prior.mean @ T_robot_sensor, 0.0, moved=False)
         hits = np.empty((2, len(scan.ranges), 2))
@@ -158,7 +159,7 @@ class SurfelTracker:
         return ScanMatch(result.pose, _least_share(result), True, result.hessian, trust)
 
     def _elsewhere(self, hits: Hits, prior: PosePrior, T_robot_sensor: SE2, result: Registration) -> Registration:
-        """Return the registration of the largest posterior among one and others that begin elsewhere."""
+        """Return the hypothesis with the largest posterior: the given registration, or one from another start."""
         if not len(hits.points):
             return result
         predicted = _PoseBelief.of(prior.mean, prior.deviations, T_robot_sensor)
@@ -182,7 +183,7 @@ class SurfelTracker:
                 return []
             return [found if belief is predicted else found._replace(surprise=predicted.squared_distance(found.pose))]
 
-        # Where people go along or a slip begins, both fit: what moved with the robot, and what stood still.
+        # If people walk along or a slip begins, the scan fits twice: by what moves with the robot, and by what stands.
         others = registered(predicted, predicted.mean, self._narrow, result) if prior.by_odometry else []
         other = inertia or predicted
         others += registered(other, other.mean, self._search, result)
@@ -205,14 +206,14 @@ class SurfelTracker:
         return best
 
     def _hits_of(self, scan: LaserScan) -> Hits:
-        """Return a scan's hits; a scan is first placed and then learnt from, so the last one's are remembered."""
+        """Return a scan's hits. Those of the last scan are remembered, since a scan is registered and then inserted."""
         if self._seen is None or self._seen[0] is not scan:
             return scan.hits(self._config.max_range)
         _, hits, count = self._seen
         return Hits(hits[0, :count], hits[1, :count])
 
     def _best_near(self, hits: Hits, guess: SE2) -> SE2:
-        """Return the pose about a guess at which most hits lie on surfaces."""
+        """Return the pose near a guess at which most hits lie on surfaces."""
         config = self._config
         few = hits.thinned(config.search_points)
         turns, tolerance = self._search_turns, config.tolerances[0]

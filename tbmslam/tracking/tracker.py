@@ -1,4 +1,4 @@
-"""Tracking: a prior and a scan give a pose in what was learnt from earlier scans."""
+"""Tracking: the interface of what registers scans on earlier scans."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -10,32 +10,32 @@ from tbmslam.tracking.odometry_noise import Deviations
 
 
 class ScanMatch(NamedTuple):
-    """Where a scan was taken, as far as the map can tell."""
+    """The pose of a scan by the map."""
 
     T_map_sensor: SE2
     """Pose of the laser."""
     score: float
-    """How well the scan agrees with the map there; its scale is the matcher's own."""
+    """Agreement of the scan with the map at the pose; each matcher has its own scale."""
     moved: bool
-    """Whether the map was able to correct the initial guess at all."""
+    """Whether the map could correct the initial guess."""
     information: FloatArray | None = None
-    """Inverse covariance (3, 3) of the pose in the map's frame as the map alone sees it; None where it does not say."""
+    """Inverse covariance (3, 3) of the pose in the map's frame by the map alone; None if it is unknown."""
     trust: float = 1.0
-    """Weight of the prior's information beside it: near 0 where the prior was far off, as where wheels slipped."""
+    """Weight of the prior's information: near 0 if the prior was far off, for example after a slip of the wheels."""
     is_lost: bool = False
-    """Whether the scan sees much and hardly anything of it was seen before."""
+    """Whether the scan has many hits, of which hardly any was seen before."""
 
 
 class ScanMatcher(Protocol):
-    """Places a scan in a map."""
+    """Registers a scan on a map."""
 
     def match(self, scan: LaserScan, grid: EvidenceGrid, initial_guess: SE2) -> ScanMatch:
-        """Return where the laser was, searching from `initial_guess` (T_map_sensor)."""
+        """Return the pose of the laser, found from `initial_guess` (T_map_sensor)."""
         ...
 
 
 def moved_from(initial_guess: SE2, pose: SE2) -> bool:
-    """Tell whether a match moved its guess by more than rounding."""
+    """Return whether a match moved its guess by more than rounding."""
     return max(abs(a - b) for a, b in zip(initial_guess, pose, strict=True)) > 1e-7
 
 
@@ -59,19 +59,19 @@ class PosePrior(NamedTuple):
     motion: Deviations
     """Of the motion alone."""
     start: SE2
-    """T_map_robot: where the search for the scan's place begins, by odometry since the last scan."""
+    """T_map_robot by odometry since the last scan: the registration starts here."""
     coasting: Callable[[], Coasting | None]
     """Returns the pose by inertia, which holds even where the odometry is faulty; None where the mean comes from it."""
     jump: float = 0.0
-    """How far the odometry stepped where no robot moves so fast, so that it was left out [m]; else 0."""
+    """Length of an odometry step that no robot can drive, which was ignored [m]; else 0."""
     by_odometry: bool = False
     """Whether the mean comes from odometry."""
     swerve: float = 0.0
-    """How far the odometry's step since the last scan is from the robot's last motion at equal speed [m]."""
+    """Distance of the odometry's step since the last scan from the robot's last motion at equal speed [m]."""
 
 
 class Tracker(Protocol):
-    """Places scans in what it has learnt from earlier scans.
+    """Registers scans on what earlier scans showed.
 
     Attributes
     ----------
@@ -83,27 +83,27 @@ class Tracker(Protocol):
     grid: EvidenceGrid | None
 
     def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
-        """Return where the laser was.
+        """Return the pose of the laser.
 
         Parameters
         ----------
         scan
             The scan.
         prior
-            Where the robot probably was.
+            The prior on the robot's pose.
         T_robot_sensor
             Pose of the laser on the robot.
         """
         ...
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
-        """Let later scans be placed by this one too."""
+        """Insert the scan, so that later scans are registered on it."""
         ...
 
     def revised_poses(self) -> FloatArray | None:
-        """Return where the laser was (K, 3) at everything learnt, as it looks now; None where it never looks back."""
+        """Return the revised poses (K, 3) of the laser at inserted scans; None if the tracker never revises any."""
         ...
 
     def is_novel(self, match: ScanMatch) -> bool:
-        """Tell whether to learn from a scan however little the robot moved since the last one."""
+        """Return whether a scan is to be inserted, however little the robot moved since the last one."""
         ...
