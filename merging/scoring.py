@@ -21,7 +21,6 @@ from merging.config import MergeConfig
 from merging.registration.correlation import find_candidates
 from merging.verification import Evidence
 from merging.walls import WallMap
-from tbmslam.belief.grid import GridGeometry
 from tbmslam.geometry.se2 import FloatArray
 
 
@@ -267,10 +266,9 @@ def find_decoys(target: WallMap, source: WallMap, config: MergeConfig, *, thorou
 
 def mirror_image(structure: WallMap) -> WallMap:
     """Return a map mirrored at its y axis."""
-    g = structure.geometry
     return replace(
         structure,
-        geometry=GridGeometry(g.resolution, -(g.origin_x + g.cols * g.resolution), g.origin_y, g.rows, g.cols),
+        geometry=structure.geometry.mirrored(),
         points=structure.points * (-1.0, 1.0),
         normals=structure.normals * (-1.0, 1.0),
         states=_flipped(structure.states),

@@ -241,20 +241,14 @@ class WallMap:
 
         Walls keep their normals and weights. A cell whose nearest wall lies outside the part has no nearest wall.
         """
-        g, part = self.geometry, np.s_[slice(*rows), slice(*cols)]
+        part = slice(*rows), slice(*cols)
         distances, nearest = self.distances_m[part], self.nearest[part]
         kept = nearest[distances == 0.0]
         numbers = np.full(len(self.points) + 1, -1, dtype=np.int32)
         numbers[kept] = np.arange(len(kept), dtype=np.int32)
         numbered = numbers[nearest]
-        geometry = g._replace(
-            origin_x=g.origin_x + cols[0] * g.resolution,
-            origin_y=g.origin_y + rows[0] * g.resolution,
-            rows=rows[1] - rows[0],
-            cols=cols[1] - cols[0],
-        )
         return WallMap(
-            geometry=geometry,
+            geometry=self.geometry.part(*rows, *cols),
             points=self.points[kept],
             normals=self.normals[kept],
             two_sided=self.two_sided[kept],

@@ -63,10 +63,11 @@ class _Side:
     @classmethod
     def of(cls, grid: TbmGrid, states: CellStates, sample: int) -> "_Side":
         cells = evenly(states.states == IS_WALL, sample)
-        occupied = np.ascontiguousarray(grid.masses[..., OCCUPIED])
+        grid_masses = grid.masses
+        occupied = np.ascontiguousarray(grid_masses[..., OCCUPIED])
         masses = occupied.ravel()[cells]
         wide = np.asarray(cv2.dilate(occupied, np.ones((3, 3), np.uint8)), dtype=np.float32)
-        committed = np.maximum(wide, 1.0 - grid.masses[..., UNKNOWN])
+        committed = np.maximum(wide, 1.0 - grid_masses[..., UNKNOWN])
         fields = (CellField.of(values, grid.geometry) for values in (wide, committed))
         return cls(states.centres(cells), masses / max(float(masses.sum()), 1e-9), *fields)
 

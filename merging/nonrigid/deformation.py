@@ -88,7 +88,7 @@ class Deformation:
         points, _ = source.some_known
         moved = self.apply(points)
         rows, cols, inside = target.geometry.cells_at(moved)
-        common = inside & target.known[rows, cols]
+        common = inside & (target.states[rows, cols] > 0)
         if np.count_nonzero(common) < _LEAST_COMMON:
             return self.nearest_rigid()
         return fit_rigid(moved[common], points[common])[0]
@@ -146,7 +146,7 @@ class Deformation:
         masses = TiledMasses(geometry.rows, geometry.cols)
         for first in range(0, geometry.rows, _BAND):
             last = min(first + _BAND, geometry.rows)
-            band = geometry._replace(origin_y=geometry.origin_y + first * geometry.resolution, rows=last - first)
+            band = geometry.part(first, last, 0, geometry.cols)
             masses.put_rows(first, _read(grid, *self._cells_of(band, T_source_target, grid.geometry)))
         return TbmGrid(geometry, masses)
 

@@ -92,7 +92,7 @@ def draw_alone(structure: WallMap, level: int = _TARGET) -> bytes:
 def _corners(structure: WallMap, T_canvas_map: SE2) -> FloatArray:
     """Return the corners (4, 2) of the known area of a map."""
     g = structure.geometry
-    rows, cols = (np.flatnonzero(structure.known.any(axis=axis)) for axis in (1, 0))
+    rows, cols = (np.flatnonzero(structure.states.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         rows = cols = np.zeros(1, dtype=int)
     x = g.origin_x + np.array([cols[0], cols[-1] + 1]) * g.resolution

@@ -64,6 +64,15 @@ class GridGeometry(NamedTuple):
             self.origin_y + self.rows * self.resolution,
         )
 
+    def part(self, top: int, bottom: int, left: int, right: int) -> "GridGeometry":
+        """Return the geometry of some rows and columns."""
+        x, y = self.origin_x + left * self.resolution, self.origin_y + top * self.resolution
+        return GridGeometry(self.resolution, x, y, bottom - top, right - left)
+
+    def mirrored(self) -> "GridGeometry":
+        """Return the geometry mirrored at the y axis."""
+        return self._replace(origin_x=-(self.origin_x + self.cols * self.resolution))
+
 
 @dataclass(frozen=True, repr=False)
 class TbmGrid:
@@ -172,9 +181,9 @@ class TbmGrid:
 
     def mirrored(self) -> "TbmGrid":
         """Return the grid mirrored at its y axis."""
-        g, cells = self.geometry, self.cells
+        cells = self.cells
         flipped = cells.mirrored() if isinstance(cells, TiledMasses) else np.ascontiguousarray(cells[:, ::-1])
-        return TbmGrid(g._replace(origin_x=-(g.origin_x + g.cols * g.resolution)), flipped)
+        return TbmGrid(self.geometry.mirrored(), flipped)
 
     def cropped(self, min_x: float, min_y: float, max_x: float, max_y: float) -> "TbmGrid":
         """Return the cells that touch a rectangle [m]."""
@@ -198,15 +207,11 @@ class TbmGrid:
 
     def part(self, top: int, bottom: int, left: int, right: int) -> "TbmGrid":
         """Return a view of some rows and columns, which must be in the grid."""
-        g = self.geometry
-        geometry = GridGeometry(
-            g.resolution, g.origin_x + left * g.resolution, g.origin_y + top * g.resolution, bottom - top, right - left
-        )
         cells = self.cells
         inside = (
             cells.part(top, bottom, left, right) if isinstance(cells, TiledMasses) else cells[top:bottom, left:right]
         )
-        return TbmGrid(geometry, inside)
+        return TbmGrid(self.geometry.part(top, bottom, left, right), inside)
 
     def cropped_to_known(self, margin: int = 0) -> "TbmGrid":
         """Return the smallest part with all known cells, with a margin of cells where the grid has them.
