@@ -148,7 +148,7 @@ class SurfelTracker:
             if between is not None:
                 prior = _by_scans(prior, between, T_robot_sensor)
                 result, _ = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
-        is_surprising = result.surprise > _SURPRISING or prior.swerve > _SWERVE or self._fault.is_suspected
+        is_surprising = result.surprise > _SURPRISING or self._may_be_faulty(prior)
         if is_surprising or result.matched < config.doubtful:
             result = self._elsewhere(self._hits_of(scan), prior, T_robot_sensor, result)
         if result.matched < config.min_matched:
@@ -165,7 +165,7 @@ class SurfelTracker:
         predicted = _PoseBelief.of(prior.mean, prior.deviations, T_robot_sensor)
         coasting = prior.coasting()
         inertia = None if coasting is None else _PoseBelief.of(*coasting, T_robot_sensor)
-        may_be_faulty = prior.swerve > _SWERVE or self._fault.is_suspected
+        may_be_faulty = self._may_be_faulty(prior)
 
         def cost(registration: Registration) -> float:
             """Return the negative logarithm of the posterior, up to a constant."""
@@ -199,11 +199,16 @@ class SurfelTracker:
                 for belief in beliefs
                 for registration in registered(belief, self._best_near(hits, belief.mean), self._search, best)
             ]
-            if found and min(map(cost, found)) < cost(best) - _WORTHWHILE:
-                self._rest, self._in_vain, best = 0, 1.0, min(found, key=cost)
+            cheapest = min(found, key=cost, default=best)
+            if cost(cheapest) < cost(best) - _WORTHWHILE:
+                self._rest, self._in_vain, best = 0, 1.0, cheapest
             else:
                 self._rest, self._in_vain = self._config.search_rest, best.matched
         return best
+
+    def _may_be_faulty(self, prior: PosePrior) -> bool:
+        """Return whether the odometry suddenly leaves the robot's last motion, or was faulty a short time ago."""
+        return prior.swerve > _SWERVE or self._fault.is_suspected
 
     def _hits_of(self, scan: LaserScan) -> Hits:
         """Return a scan's hits. Those of the last scan are remembered, since a scan is registered and then inserted."""
