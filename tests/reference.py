@@ -270,3 +270,15 @@ def ranges_in_box(pose, angles, half_width, half_height):
         across = np.where(np.cos(directions) > 0, half_width - pose[0], -half_width - pose[0]) / np.cos(directions)
         along = np.where(np.sin(directions) > 0, half_height - pose[1], -half_height - pose[1]) / np.sin(directions)
     return np.minimum(across, along)
+
+
+def saw_free(ranges, first, step, origin, place, margin):
+    """Return whether the three beams of a scan nearest in direction to a place hit something behind it."""
+    dx, dy = place[0] - origin[0], place[1] - origin[1]
+    directions = first + step * np.arange(len(ranges)) + origin[2]
+    apart = np.abs((directions - math.atan2(dy, dx) + np.pi) % (2.0 * np.pi) - np.pi)
+    beam = int(apart.argmin())
+    if apart[beam] > 0.5 * abs(step) or not 0 < beam < len(ranges) - 1:
+        return False
+    around = ranges[beam - 1 : beam + 2]
+    return bool(np.all(np.isfinite(around) & (around > math.hypot(dx, dy) + margin)))

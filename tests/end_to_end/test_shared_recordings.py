@@ -5,9 +5,14 @@ import json
 import numpy as np
 import pytest
 
+from datasets import open_recording
+from datasets.options import RecordingOptions
 from tbmslam.evaluation.relations import read_relations, relation_errors
+from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.map_folder import load_map
 from tbmslam.io.trajectory_file import read_tum
+from tbmslam.slam import Slam
+from tbmslam.tracking import surfel_tracker
 from tests.end_to_end.programs import build, merge_maps
 from tools import merge
 from tools.command_line.paths import map_folders
@@ -113,3 +118,24 @@ def test_angles_that_the_converter_stretched_cause_a_warning(shared_data, tmp_pa
     (folder,) = map_folders(build(tmp_path, shared_data / FOLDERS[name][0]))
     (told,) = [one for one in json.loads((folder / "run.json").read_text())["warnings"] if " fit best where " in one]
     assert told.endswith(" degrees apart, not 1.0056: try --angle-step-deg 1")
+
+
+@pytest.mark.parametrize(("moved", "least", "most"), [(4.0, 0.0, 0.1), (0.0, 1.0, 10.0)])
+def test_scans_far_apart_need_the_free_space_of_the_last_keyframe(shared_data, monkeypatch, moved, least, most):
+    """Ablation of `tbmslam.tracking.surfel_tracker._MOVED` on mit-csail with a scan each 0.75 m or 0.5 rad."""
+    readings = list(open_recording([shared_data / "mit-csail/mit-csail.bag"], RecordingOptions()))
+    dense = trajectory_of(readings)
+    few = readings[:1]
+    for reading in readings[1:]:
+        x, y, turn = few[-1].T_odom_robot.to(reading.T_odom_robot)
+        if np.hypot(x, y) >= 0.75 or abs(turn) >= 0.5:
+            few.append(reading)
+    monkeypatch.setattr(surfel_tracker, "_MOVED", moved)
+    assert least < align_trajectories(dense, trajectory_of(few)).ate_m < most
+
+
+def trajectory_of(readings):
+    slam = Slam()
+    for reading in readings:
+        slam.process(reading)
+    return slam.finish().drives[0].trajectory

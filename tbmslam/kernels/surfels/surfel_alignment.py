@@ -1,7 +1,6 @@
 """Registration of a scan to surfels: the pose with the largest posterior, by Gauss-Newton."""
 
 import math
-from typing import cast
 
 import numpy as np
 
@@ -43,9 +42,6 @@ SAME_PLACE, SAME_HEADING = 0.001, 0.0005
 
 NOWHERE = (math.nan, math.nan, math.nan)
 """A pose far from all others."""
-
-_EACH = cast("int", np.int64(1))
-"""A typed number; a plain number would be a constant, for which the called kernels are compiled again."""
 
 TYPICAL_RANGE = 5.0
 """Distance of points in estimates of their motion by a rotation [m]."""
@@ -289,20 +285,6 @@ def align(
             if shift < enough * 2e-4 and turn < enough * 2e-5:
                 break
     return x, y, theta, matched / max(independent, 1e-9), independent * _design_effect(independent, most), squared
-
-
-@kernel
-def strays(
-    surfels: SurfelArrays, points: FloatArray, normals: FloatArray, pose: Pose, span: float, tolerance: float
-) -> float:
-    """Return the number of independent hits of a scan at a pose that match no surfel.
-
-    Hits within a length `span` of surface count as one [m]. A hit at the distance `tolerance` counts half [standard
-    deviations]. For the other arguments see `align` and `pair_up`.
-    """
-    pairs, hessian, gradient = np.empty((8, len(points) + 1)), np.zeros((3, 3)), np.zeros(3)
-    count, independent = pair_up(surfels, points, normals, _EACH, span, pose, pairs)
-    return independent - linearise(pairs, count, pose, tolerance, hessian, gradient)
 
 
 @kernel

@@ -178,17 +178,17 @@ def among(scan, bearings, distance, width=0.4):
     return replace(scan, ranges=ranges)
 
 
-@pytest.mark.parametrize(("bearings", "step"), [((0.1,), 0.15), ((0.1,), 0.3), ((0.1, 3.0), 0.3)])
-def test_people_who_go_along_a_corridor_do_not_hold_the_robot_back(bearings, step):
-    """They are seen where they were, in the robot's frame, while all walls are the same further on.
+@pytest.mark.parametrize("step", [0.15, 0.3])
+def test_a_person_who_goes_along_a_corridor_does_not_hold_the_robot_back(step):
+    """The person is seen where it was, in the robot's frame, while all walls are the same further on.
 
-    Odometry and inertia agree against them, though the registration begins where they hold the robot back.
+    Odometry and inertia agree against it, though the registration begins where it holds the robot back.
     """
-    tracker = learnt(among(corridor_scan(SE2.identity()), bearings, 1.5))
+    tracker = learnt(among(corridor_scan(SE2.identity()), (0.1,), 1.5))
     true = SE2(step, 0.0, 0.0)
     coasting = SE2(0.9 * step, 0.0, 0.0)
     prior = prior_at(true, coasting, deviations=(0.01, 0.01, 0.005))._replace(start=SE2.identity())
-    match = tracker.match(among(corridor_scan(true, 0.2), bearings, 1.5), prior, SE2.identity())
+    match = tracker.match(among(corridor_scan(true, 0.2), (0.1,), 1.5), prior, SE2.identity())
     assert match.T_map_sensor.x == pytest.approx(step, abs=0.015)
     np.testing.assert_allclose(match.T_map_sensor[1:], true[1:], atol=2e-3)
 
