@@ -1,22 +1,23 @@
 """The probability that the odometry is faulty: it may be reversed, frozen or slip for some time.
 
 A hidden Markov model of two states, right and faulty, with one step for each keyframe. Right odometry errs by Student's
-t distribution. Faulty odometry says nothing, so its error costs the same wherever the robot is. The forward algorithm
-gives the probability of a fault (L. Rabiner, "A tutorial on hidden Markov models", 1989). So the first keyframe of a
-fault needs much evidence of the scans, and the next ones need little.
+t distribution. Faulty odometry says nothing, so the robot is equally likely anywhere that it can reach. The forward
+algorithm gives the probability of a fault (L. Rabiner, "A tutorial on hidden Markov models", 1989). So the first
+keyframe of a fault needs much evidence of the scans, and the next ones need little.
 """
 
 import math
 
-from tbmslam.tracking.odometry_noise import student_cost
+from tbmslam.tracking.odometry_noise import FREEDOM, Deviations, student_cost
 
 _BEGINS = 0.01
 """Probability that a fault begins at a keyframe. 0.001 is as good."""
 _LASTS = 0.9
 """Probability that a fault lasts until the next keyframe, so ten keyframes or some three metres in the mean."""
-_FAULTY_COST = 5.0
-"""Negative log-likelihood of any pose under faulty odometry; it is 0 at the mean of right odometry. Of 28 runs with
-reversed odometry (`benchmark.py perturb`) one exceeds its bar, with 4 five do, with 6 two."""
+_WITHIN = (
+    4.0 / 3.0 * math.pi * math.gamma(0.5 * (FREEDOM + 3.0)) / (math.gamma(0.5 * FREEDOM) * (FREEDOM * math.pi) ** 1.5)
+)
+"""Volume of the unit ball times the density of Student's t at its mean, in three dimensions."""
 _SUSPECTED = 0.1
 """From this probability on other hypotheses are tried: ten times that of a new fault."""
 
@@ -38,17 +39,40 @@ class OdometryFault:
         """Whether the odometry was faulty a short time ago."""
         return self.probability > _SUSPECTED
 
-    def cost(self, surprise: float) -> float:
-        """Return the negative log-likelihood of a pose by its squared Mahalanobis distance from the odometry."""
-        return -math.log(sum(self._likelihoods(surprise)))
+    def cost(self, surprise: float, faulty_cost: float) -> float:
+        """Return the negative log-likelihood of a pose.
 
-    def observe(self, surprise: float) -> None:
-        """Update the probability with a keyframe's squared Mahalanobis distance from the odometry."""
-        right, faulty = self._likelihoods(surprise)
+        Parameters
+        ----------
+        surprise
+            Its squared Mahalanobis distance from the odometry.
+        faulty_cost
+            Negative log-likelihood of any pose under faulty odometry; see `faulty_cost`.
+        """
+        return -math.log(sum(self._likelihoods(surprise, faulty_cost)))
+
+    def observe(self, surprise: float, faulty_cost: float) -> None:
+        """Update the probability with a keyframe; for the arguments see `cost`."""
+        right, faulty = self._likelihoods(surprise, faulty_cost)
         share = faulty / (right + faulty)
         self.probability = _LASTS * share + _BEGINS * (1.0 - share)
 
-    def _likelihoods(self, surprise: float) -> tuple[float, float]:
+    def _likelihoods(self, surprise: float, faulty_cost: float) -> tuple[float, float]:
         """Return the likelihoods of both states with their probabilities: right, faulty."""
         right = (1.0 - self.probability) * math.exp(-student_cost(surprise))
-        return right, self.probability * math.exp(-_FAULTY_COST)
+        return right, self.probability * math.exp(-faulty_cost)
+
+
+def faulty_cost(right: Deviations, inertia: Deviations) -> float:
+    """Return the negative log-likelihood of a pose under faulty odometry; it is 0 at the mean of right odometry.
+
+    The robot is then equally likely anywhere within a deviation of its pose by inertia. The longer the time between two
+    scans, the more places it can reach, and the less likely is each. A constant of 5 tears a drive with a scan a second
+    round a block, since one street looks like the next (`benchmark.py limits`).
+
+    Parameters
+    ----------
+    right, inertia
+        Deviations of the pose by the odometry and by inertia.
+    """
+    return math.log(_WITHIN * math.prod(inertia) / math.prod(right))

@@ -13,11 +13,11 @@ from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.kernels.surfels.strays import View
 from tbmslam.kernels.surfels.surfel_alignment import Search
 from tbmslam.sensing.laser_scan import Hits, LaserScan
-from tbmslam.tracking.odometry_fault import OdometryFault
+from tbmslam.tracking.odometry_fault import OdometryFault, faulty_cost
 from tbmslam.tracking.odometry_noise import FREEDOM, Deviations, student_cost
 from tbmslam.tracking.scan_to_scan import RecentScans, ScanMotion
 from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
-from tbmslam.tracking.tracker import PosePrior, ScanMatch
+from tbmslam.tracking.tracker import Coasting, PosePrior, ScanMatch
 
 _STRAY = 4.0
 """Log-odds that an object lies on a known surface at the right pose: one of fifty does not. With 3, intel with reversed
@@ -124,7 +124,8 @@ class SurfelTracker:
         self._rest, self._in_vain = 0, 1.0
         self._scans_before = RecentScans()
         self._fault = OdometryFault()
-        self._surprise: float | None = None  # of the last scan, where odometry and scan both place it
+        # Of the last scan, where odometry and scan both place it: the surprise and the cost of faulty odometry.
+        self._surprise: tuple[float, float] | None = None
         tolerances = np.array(config.tolerances)
         self._search = FREEDOM, config.correlation_length, math.inf, tolerances, config.max_points, config.iterations
         self._narrow = *self._search[:3], tolerances[-1:], *self._search[4:]
@@ -155,33 +156,39 @@ class SurfelTracker:
                 prior = _by_scans(prior, between, T_robot_sensor)
                 result, _ = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
         is_surprising = result.surprise > _SURPRISING or self._may_be_faulty(prior)
+        faulty = math.inf  # Odometry that neither surprises nor is suspected is right.
         if is_surprising or result.matched < config.doubtful:
-            result = self._elsewhere(self._hits_of(scan), prior, T_robot_sensor, result)
+            coasting = prior.coasting()
+            if coasting is not None:
+                faulty = faulty_cost(prior.deviations, coasting.deviations)
+            result = self._elsewhere(self._hits_of(scan), prior, coasting, T_robot_sensor, result)
         if result.matched < config.min_matched:
             return _unmatched(result, prior, between, T_robot_sensor)
         if prior.by_odometry:
-            self._surprise = result.surprise
+            self._surprise = result.surprise, faulty
         trust = (FREEDOM + 3.0) / (FREEDOM + result.surprise)
         return ScanMatch(result.pose, _least_share(result), True, result.hessian, trust)
 
-    def _elsewhere(self, hits: Hits, prior: PosePrior, T_robot_sensor: SE2, result: Registration) -> Registration:
+    def _elsewhere(
+        self, hits: Hits, prior: PosePrior, coasting: Coasting | None, T_robot_sensor: SE2, result: Registration
+    ) -> Registration:
         """Return the hypothesis with the largest posterior: the given registration, or one from another start."""
         if not len(hits.points):
             return result
         predicted = _PoseBelief.of(prior.mean, prior.deviations, T_robot_sensor)
-        coasting = prior.coasting()
         inertia = None if coasting is None else _PoseBelief.of(*coasting, T_robot_sensor)
-        may_be_faulty = self._may_be_faulty(prior)
+        faulty = None
+        if coasting is not None and self._may_be_faulty(prior):
+            faulty = faulty_cost(prior.deviations, coasting.deviations)
 
         def cost(registration: Registration) -> float:
             """Return the negative logarithm of the posterior, up to a constant."""
             pose, surprise = registration.pose, registration.surprise
             strays, moved = self._map.strays(hits, pose, _THING, self._config.tolerances[-1], self._view)
             cost = _STRAY * strays + _MOVED * moved
-            if not may_be_faulty:
+            if inertia is None or faulty is None:
                 return cost + student_cost(surprise)
-            by_inertia = 0.0 if inertia is None else student_cost(inertia.squared_distance(pose))
-            return cost + self._fault.cost(surprise) + by_inertia
+            return cost + self._fault.cost(surprise, faulty) + student_cost(inertia.squared_distance(pose))
 
         def registered(belief: _PoseBelief, start: SE2, search: Search, known: Registration) -> list[Registration]:
             """Return the registration with a prior; none where it ends at a known one."""
@@ -253,7 +260,7 @@ class SurfelTracker:
             self._recent.clear()
             self._travelled = 0.0
         if self._surprise is not None:
-            self._fault.observe(self._surprise)
+            self._fault.observe(*self._surprise)
         hits = self._hits_of(scan)
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))

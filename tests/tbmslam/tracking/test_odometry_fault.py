@@ -2,43 +2,55 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
-from tbmslam.tracking.odometry_fault import OdometryFault
-from tbmslam.tracking.odometry_noise import student_cost
+from tbmslam.tracking.odometry_fault import OdometryFault, faulty_cost
+from tbmslam.tracking.odometry_noise import FREEDOM, student_cost
 
 _PLAUSIBLE, _IMPOSSIBLE = 1.0, 300.0
 """Squared Mahalanobis distances of right odometry, and of odometry that reports the opposite direction."""
+_FAULTY = 5.0
+"""Cost of a pose under faulty odometry."""
 
 
 def test_a_new_drive_trusts_its_odometry() -> None:
     fault = OdometryFault()
     assert not fault.is_suspected
-    assert fault.cost(_PLAUSIBLE) == pytest.approx(student_cost(_PLAUSIBLE), abs=0.02)
+    assert fault.cost(_PLAUSIBLE, _FAULTY) == pytest.approx(student_cost(_PLAUSIBLE), abs=0.02)
 
 
 def test_any_pose_under_faulty_odometry_costs_about_the_same() -> None:
     fault = OdometryFault()
-    assert fault.cost(_IMPOSSIBLE) < student_cost(_IMPOSSIBLE) - 3.0
-    assert fault.cost(1e3 * _IMPOSSIBLE) == pytest.approx(fault.cost(_IMPOSSIBLE), abs=0.02)
+    assert fault.cost(_IMPOSSIBLE, _FAULTY) < student_cost(_IMPOSSIBLE) - 3.0
+    assert fault.cost(1e3 * _IMPOSSIBLE, _FAULTY) == pytest.approx(fault.cost(_IMPOSSIBLE, _FAULTY), abs=0.02)
 
 
 def test_the_first_keyframe_of_a_fault_needs_more_evidence_than_the_next() -> None:
     fault = OdometryFault()
-    first = fault.cost(_IMPOSSIBLE)
-    fault.observe(_IMPOSSIBLE)
+    first = fault.cost(_IMPOSSIBLE, _FAULTY)
+    fault.observe(_IMPOSSIBLE, _FAULTY)
     assert fault.is_suspected
-    assert first > fault.cost(_IMPOSSIBLE) + 4.0
+    assert first > fault.cost(_IMPOSSIBLE, _FAULTY) + 4.0
+
+
+def test_faulty_odometry_costs_what_its_volume_says() -> None:
+    """The density of right odometry at its mean, over that of a uniform distribution in an ellipsoid."""
+    right, inertia = (0.01, 0.005, 0.004), (0.2, 0.1, 0.3)
+    density = stats.multivariate_t(shape=np.diag(np.square(right)), df=FREEDOM).pdf([0.0, 0.0, 0.0])
+    volume = 4.0 / 3.0 * math.pi * math.prod(inertia)
+    assert faulty_cost(right, inertia) == pytest.approx(math.log(density * volume))
 
 
 def test_right_odometry_is_trusted_again_after_some_keyframes() -> None:
     fault = OdometryFault()
-    fault.observe(_IMPOSSIBLE)
+    fault.observe(_IMPOSSIBLE, _FAULTY)
     for keyframe in range(2):
         assert fault.is_suspected, keyframe
-        fault.observe(_PLAUSIBLE)
+        fault.observe(_PLAUSIBLE, _FAULTY)
     assert not fault.is_suspected
 
 
@@ -48,7 +60,7 @@ def test_a_farther_pose_never_costs_less_and_probabilities_stay_possible(
 ) -> None:
     fault = OdometryFault()
     for distance in observed:
-        fault.observe(distance)
+        fault.observe(distance, _FAULTY)
         assert 1e-2 <= fault.probability <= 0.9
-    assert fault.cost(surprise) <= fault.cost(surprise + more) + 1e-9
-    assert math.isfinite(fault.cost(surprise))
+    assert fault.cost(surprise, _FAULTY) <= fault.cost(surprise + more, _FAULTY) + 1e-9
+    assert math.isfinite(fault.cost(surprise, _FAULTY))
