@@ -17,6 +17,7 @@ import numpy.typing as npt
 from numba.core import config
 
 from tbmslam.kernels.cache_folders import folder_of
+from tbmslam.kernels.kernel_compiler import KernelCompiler
 
 _settings: Any = config  # numba sets the attributes of this module while it loads
 _njit: Any = numba.njit  # its type does not name all options
@@ -70,6 +71,7 @@ def _compiled(function: Function, fastmath: set[str]) -> Function:
         _settings.CACHE_LOCATOR_CLASSES = f"{__name__}.cache_locator.ContentLocator"
     # No code calls a kernel by its address, so the wrapper for such calls is not compiled.
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "fastmath": fastmath}
+    options["pipeline_class"] = KernelCompiler
     try:
         return cast("Function", _njit(**options, cache=folder is not None)(function))
     finally:

@@ -30,7 +30,8 @@ def package(tmp_path):
     """Return the folder of a package of four small files of kernels."""
     kernels = tmp_path / "tbmslam" / "kernels"
     kernels.mkdir(parents=True)
-    for name in ("__init__.py", "kernels/__init__.py", "kernels/cache_folders.py", "kernels/cache_locator.py"):
+    shared = ("__init__", "cache_folders", "cache_locator", "kernel_compiler")
+    for name in ("__init__.py", *(f"kernels/{name}.py" for name in shared)):
         shutil.copy(PACKAGE / name, tmp_path / "tbmslam" / name)
     for name, text in KERNELS.items():
         (kernels / f"{name}.py").write_text(text, encoding="utf-8")
