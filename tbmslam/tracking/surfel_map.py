@@ -70,10 +70,13 @@ class SurfelMap:
     def __init__(self, config: SurfelConfig, spare: float = 6.4, slots: int = CELLS) -> None:
         self._spare = SIDE * round(spare / config.resolution / SIDE)
         limits = (config.noise, config.point_size, config.clutter, config.certain_hits)
+        # `insert_hits` clears the tiles that it needs; all memory of a map that replaces another takes longer.
+        moments, fits = (np.empty((slots, width), dtype=np.float32) for width in (6, 8))
+        moments[:CELLS], fits[:CELLS] = 0.0, 0.0
         self._surfels = Surfels(
             tiles=np.zeros((2, 0, 0), dtype=np.int32),
-            moments=np.zeros((slots, 6), dtype=np.float32),
-            fits=np.zeros((slots, 8), dtype=np.float32),
+            moments=moments,
+            fits=fits,
             lattice=Lattice(config.resolution, 0, 0),
             limits=limits,
         )

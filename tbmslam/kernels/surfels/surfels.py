@@ -149,15 +149,21 @@ def insert_hits(surfels: SurfelArrays, used: int, points: FloatArray, normals: F
     """Add hits (N, 2) [m] and their normals (N, 2) of a frame at a pose, if the arrays are large enough.
 
     Returns the number of tiles in use. If the arrays have fewer tiles, no hit was added. Returns -1 if hits lie outside
-    the lattice or within two cells of its border.
+    the lattice or within two cells of its border. The memory of tiles that were not in use may hold anything.
     """
-    tiles, moments, _, lattice, _ = surfels
+    tiles, moments, fits, lattice, _ = surfels
     cells, offsets = cells_of(points, normals, pose, lattice)
     last_row, last_col = SIDE * tiles.shape[1] - 3, SIDE * tiles.shape[2] - 3
     for i in range(len(cells)):
         if cells[i, 0] < 2 or cells[i, 1] < 2 or cells[i, 0] > last_row or cells[i, 1] > last_col:
             return -1
+    first_new = used * CELLS
     used = claim_tiles(tiles, used, cells)
+    for slot in range(first_new, min(used * CELLS, len(moments))):
+        for k in range(moments.shape[1]):
+            moments[slot, k] = 0.0
+        for k in range(fits.shape[1]):
+            fits[slot, k] = 0.0
     if used * CELLS <= len(moments):
         add_hits(surfels, cells, offsets)
     return used

@@ -298,6 +298,18 @@ def test_hits_at_the_border_and_hits_without_room_are_not_added(x, used, found):
     np.testing.assert_array_equal(surfels.fits, fits)
 
 
+def test_memory_of_new_tiles_may_hold_anything(generator):
+    points, nowhere = room_walls(generator, 200), np.zeros((0, 2))
+    cleared, dirty = surfels_of(nowhere), surfels_of(nowhere)
+    dirty.moments[CELLS:], dirty.fits[CELLS:] = 7.0, 7.0
+    for surfels in (cleared, dirty):
+        used = insert_hits(surfels, 1, points[:100], facing_origin(points[:100]), (0.0, 0.0, 0.0))
+        used = insert_hits(surfels, used, points[100:], facing_origin(points[100:]), (0.0, 0.0, 0.0))
+    np.testing.assert_array_equal(dirty.moments[: CELLS * used], cleared.moments[: CELLS * used])
+    np.testing.assert_array_equal(dirty.fits[: CELLS * used], cleared.fits[: CELLS * used])
+    assert (dirty.moments[CELLS * used :] == 7.0).all()
+
+
 def test_the_extent_is_that_of_the_points(generator):
     points = generator.normal(size=(20, 2))
     expected = (*np.sort(points[:, 0])[[0, -1]], *np.sort(points[:, 1])[[0, -1]])
