@@ -102,7 +102,7 @@ def pair_up(
         pairs[7, count] = share * fits[slot, 5]
         # A branch would often be mispredicted. Points without surfel are overwritten instead.
         count += np.uint64(fits[slot, 5] > 0.0)
-    return int(count), independent
+    return int(np.int64(count)), independent  # signed, else `linearise` is compiled for several types
 
 
 @summing_kernel
