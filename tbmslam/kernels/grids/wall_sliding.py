@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel
-from tbmslam.kernels.grids.walls import WallPoints, Walls, faces, place_walls, wall_points
+from tbmslam.kernels.grids.walls import WallPoints, Walls, facing_cosine, place_walls, wall_points
 
 
 @kernel
@@ -26,31 +26,35 @@ def _pull(
     """
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     place_walls(moving, fixed, pose, back)
+    # Each access to an array of a tuple counts its references, which takes longer than to read the array.
+    points, normals, two_sided, weights = moving.points, moving.normals, moving.two_sided, moving.weights
+    xs, ys, cells = moving.x, moving.y, moving.cells
     distances, nearest = fixed.distances.reshape(-1), fixed.nearest.reshape(-1)
+    fixed_points, fixed_normals, fixed_two_sided = fixed.points, fixed.normals, fixed.two_sided
     # Local sums are faster than an array; this is the innermost loop of an alignment.
     xx, xy, xt, xd = system[0, 0], system[0, 1], system[0, 2], system[0, 3]
     yy, yt, yd = system[1, 1], system[1, 2], system[1, 3]
     tt, td = system[2, 2], system[2, 3]
     pulling, squares, number = system[3, 0], system[3, 1], system[3, 2]
-    for i in range(len(moving.points)):
-        cell = moving.cells[i]
+    for i in range(len(cells)):
+        cell = cells[i]
         if cell < 0 or distances[cell] > reach:
             continue
-        mx, my = moving.normals[i, 0], moving.normals[i, 1]
+        mx, my = normals[i, 0], normals[i, 1]
         if back:
             ux, uy = cosine * mx + sine * my, -sine * mx + cosine * my
         else:
             ux, uy = cosine * mx - sine * my, sine * mx + cosine * my
         near = nearest[cell]
-        if faces(ux, uy, moving.two_sided[i], fixed.normals, fixed.two_sided, near) < facing:
+        nx, ny = fixed_normals[near, 0], fixed_normals[near, 1]
+        if facing_cosine(ux, uy, nx, ny, two_sided[i] or fixed_two_sided[near]) < facing:
             continue
-        x, y = moving.x[i], moving.y[i]
-        nx, ny = fixed.normals[near, 0], fixed.normals[near, 1]
-        distance = (x - fixed.points[near, 0]) * nx + (y - fixed.points[near, 1]) * ny
+        x, y = xs[i], ys[i]
+        distance = (x - fixed_points[near, 0]) * nx + (y - fixed_points[near, 1]) * ny
         if back:  # expressed in the target's frame
-            x, y = moving.points[i, 0], moving.points[i, 1]
+            x, y = points[i, 0], points[i, 1]
             nx, ny, distance = cosine * nx - sine * ny, sine * nx + cosine * ny, -distance
-        weight = moving.weights[i] / (1.0 + (distance / (0.5 * reach)) ** 2) ** 2
+        weight = weights[i] / (1.0 + (distance / (0.5 * reach)) ** 2) ** 2
         turn = (x - centre[0]) * ny - (y - centre[1]) * nx
         along_x, along_y, along_turn = weight * nx, weight * ny, weight * turn
         xx += along_x * nx
@@ -63,8 +67,8 @@ def _pull(
         tt += along_turn * turn
         td += along_turn * distance
         # Scales of the damping: the sum of weights, and of squared distances from the centre.
-        pulling += moving.weights[i]
-        squares += moving.weights[i] * ((x - centre[0]) ** 2 + (y - centre[1]) ** 2)
+        pulling += weights[i]
+        squares += weights[i] * ((x - centre[0]) ** 2 + (y - centre[1]) ** 2)
         number += 1.0
     system[0, 0], system[0, 1], system[0, 2], system[0, 3] = xx, xy, xt, xd
     system[1, 1], system[1, 2], system[1, 3] = yy, yt, yd
