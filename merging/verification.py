@@ -50,6 +50,8 @@ _MANY_WALLS = 4000
 """Number of wall cells that suffices for the blocks of a map."""
 _DOOR_M = 0.8
 """Length of a door leaf; a shorter stretch of wall may be a door or a movable object."""
+_CORNERS = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+"""Rows and columns of the corners of a cell that is grown by one all around."""
 _TOUCHING = 3
 """Largest distance of two cells along rows and columns that touch once both are grown by one."""
 
@@ -285,8 +287,7 @@ def _place_of(piece: Cells) -> tuple[int, int]:
 
 def _longer_m(piece: Cells, resolution: float) -> float:
     """Return the length of a piece beyond a door leaf [m], without the cell by which it was grown."""
-    rows, cols = (piece - piece.min(axis=0)).T + 1
-    grown = np.zeros((rows.max() + 2, cols.max() + 2), dtype=np.uint8)
-    grown[rows, cols] = 1
-    _, sides, _ = cv2.minAreaRect(cv2.findNonZero(cv2.dilate(grown, np.ones((3, 3), np.uint8))).astype(np.float32))
+    # The rectangle around the corners of the grown cells is that around all of their cells.
+    corners = (piece[:, None] + _CORNERS).reshape(-1, 2)[:, ::-1]
+    _, sides, _ = cv2.minAreaRect(corners.astype(np.float32))
     return max(float(max(sides)) * resolution - resolution - _DOOR_M, 0.0)
