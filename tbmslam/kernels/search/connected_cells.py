@@ -1,8 +1,11 @@
 """Connected components of cells."""
 
 import numpy as np
+import numpy.typing as npt
 
 from tbmslam.kernels import IntArray, kernel
+
+Labels = npt.NDArray[np.int32]
 
 
 @kernel
@@ -51,3 +54,28 @@ def _root(parent: IntArray, index: int) -> int:
         parent[index] = parent[parent[index]]
         index = parent[index]
     return index
+
+
+@kernel
+def boxes_of(labels: Labels, count: int) -> Labels:
+    """Return left, top, width, height and number of cells (K, 5) of the components in an image of labels (rows, cols).
+
+    Labels are from 0 up to, and without, ``count``. A label without cells has zeros.
+    """
+    boxes = np.zeros((count, 5), dtype=np.int32)
+    rows, cols = labels.shape
+    for row in range(rows):
+        first = 0
+        while first < cols:
+            label, end = labels[row, first], first + 1
+            while end < cols and labels[row, end] == label:
+                end += 1
+            box = boxes[label]
+            if box[4] == 0:
+                box[0], box[1], box[2] = first, row, end - first
+            left = min(box[0], first)
+            box[0], box[2] = left, max(box[0] + box[2], end) - left
+            box[3] = row + 1 - box[1]
+            box[4] += end - first
+            first = end
+    return boxes

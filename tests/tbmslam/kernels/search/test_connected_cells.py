@@ -1,8 +1,9 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from tbmslam.kernels.search.connected_cells import components_of
+from tbmslam.kernels.search.connected_cells import boxes_of, components_of
 
 
 def slow_pieces(cells, reach):
@@ -25,3 +26,15 @@ def test_cells_within_reach_of_each_other_are_one_piece(drawn, reach):
 def test_a_snake_of_cells_is_one_piece():
     snake = [(row, col) for row in range(9) for col in range(12) if row % 2 == 0 or col == (0 if row % 4 == 1 else 11)]
     assert components_of(np.array(snake), 1).tolist() == [0] * len(snake)
+
+
+def slow_box(rows, cols):
+    if len(rows) == 0:
+        return [0] * 5
+    return [cols.min(), rows.min(), np.ptp(cols) + 1, np.ptp(rows) + 1, len(rows)]
+
+
+@given(arrays(np.int32, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.integers(0, 4)))
+def test_boxes_hold_the_cells_of_each_label(labels):
+    expected = [slow_box(*np.nonzero(labels == label)) for label in range(6)]
+    assert boxes_of(labels, 6).tolist() == expected
