@@ -14,6 +14,8 @@ from tbmslam.tracking.tracker import Coasting, PosePrior
 
 _JUMP = 2.0
 """An odometry step that exceeds what the robot can drive by more is a jump [m]."""
+_OLD = 1.0
+"""A motion between readings that lie further apart does not continue [s]."""
 _LONGEST = 2.0
 """Largest ratio of a step to the last one when the robot goes on as before; stamps may be wrong."""
 _FORGETTING = 0.05
@@ -48,7 +50,7 @@ class MotionModel:
         self._T_odom_robot: SE2 | None = None
         self._T_map_robot = SE2.identity()
         self._last_move = SE2.identity(), SE2.identity()
-        self._duration = self._usual = 0.0
+        self._duration = self._usual = 0.0  # the former is 0 unless the last motion may continue
         self._ahead, self._impossible = 0.0, 0
         self._step, self._jumped = (0.0, 0.0), False
         self._noise = OdometryNoise(config.odometry)
@@ -96,7 +98,7 @@ class MotionModel:
     def coasting(self, reading: Reading) -> Coasting:
         """Return the robot's pose by its last motion, or by its last pose alone where that motion is not known."""
         since = 0.0 if self._stamp is None else reading.scan.stamp - self._stamp
-        if 0.0 < self._duration <= 1.0 and since <= 1.0:
+        if self._duration and since <= _OLD:
             return Coasting(self._coasted(reading), self._coasting_deviations(reading))
         far = self._config.odometry.position_floor + _SPEED * max(since, self._usual)
         return Coasting(self._T_map_robot, (far, far, far))
@@ -114,13 +116,13 @@ class MotionModel:
         step, since = self._last_step(), self._duration
         if self._stamp is not None and reading.T_odom_robot is not None and self._T_odom_robot is not None:
             step, since = self._T_odom_robot.to(reading.T_odom_robot), reading.scan.stamp - self._stamp
-        return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
+        return _part(step, duration / since) if 0.0 < since <= _OLD else SE2.identity()
 
     def motion_to(self, reading: Reading, T_map_robot: SE2, duration: float) -> SE2:
         """Return the robot's motion in a time [s] at the speed at which it came from the last reading to a pose."""
         since = reading.scan.stamp - self._stamp if self._stamp is not None else 0.0
         step = self._T_map_robot.to(T_map_robot)
-        return _part(step, duration / since) if 0.0 < since <= 1.0 else SE2.identity()
+        return _part(step, duration / since) if 0.0 < since <= _OLD else SE2.identity()
 
     def correct(self, reading: Reading, T_map_robot: SE2, is_lost: bool = False) -> None:
         """Use the registered pose of a reading as the start of the next step.
@@ -136,7 +138,7 @@ class MotionModel:
             self._usual += _FORGETTING * (min(abs(duration), 1.0) - self._usual)
             if duration > 0.0:
                 start = T_map_robot if is_lost and now is None else self._T_map_robot
-                self._last_move, self._duration = (start, T_map_robot), duration
+                self._last_move, self._duration = (start, T_map_robot), duration if duration <= _OLD else 0.0
             if now is None or before is None or self._jumped:
                 steps = (
                     self._noise.deviations(self._distance, self._turn) if self._distance + self._turn else (0.0,) * 3
@@ -200,7 +202,7 @@ class MotionModel:
 
     def _swerve(self, start: SE2, stamp: float) -> float:
         """Return the distance of a step to a pose from the robot's last motion at equal speed [m]."""
-        if self._stamp is None or not 0.0 < self._duration <= 1.0:
+        if self._stamp is None or not self._duration:
             return 0.0
         ratio = min(max(stamp - self._stamp, 0.0) / self._duration, _LONGEST)
         # Along a line: the heading hardly changes within a step, and a constant twist takes ten times as long.
@@ -227,7 +229,7 @@ class MotionModel:
 
     def _coasted(self, reading: Reading) -> SE2:
         """Return the pose by the last motion, and the last pose where that motion is not known."""
-        if self._stamp is None or not 0.0 < self._duration <= 1.0:
+        if self._stamp is None or not self._duration:
             return self._T_map_robot
         duration = min(max(reading.scan.stamp - self._stamp, 0.0), 1.0)
         return self._T_map_robot @ _part(self._last_step(), min(duration / self._duration, _LONGEST))
