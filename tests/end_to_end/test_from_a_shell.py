@@ -1,33 +1,24 @@
 """The programs as a shell runs them: exit codes, one line on stderr, the same bytes from another process and folder."""
 
 import os
-import resource
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 from tests.end_to_end.programs import contents
+from tests.processes import ROOT, cpu_seconds, python
 
-ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ("build_maps", "merge", "make_world", "evaluate", "benchmark", "download")
 
 pytestmark = pytest.mark.xdist_group("flat")
 
 
-def shell(program, *arguments, cwd=ROOT, **environment):
-    command = [sys.executable, str(ROOT / "tools" / f"{program}.py"), *map(str, arguments)]
-    return subprocess.run(  # noqa: S603 - our own programs
-        command, cwd=cwd, capture_output=True, text=True, check=False, env={**os.environ, **environment}
-    )
+def program_path(program):
+    return ROOT / "tools" / f"{program}.py"
 
 
-def cpu_seconds_of_children():
-    """Unlike the time on the wall, this does not depend on what else the machine does."""
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
+def shell(program, *arguments, **how):
+    return python(program_path(program), *arguments, **how)
 
 
 def test_another_process_in_another_folder_gives_the_same_bytes(flat, flat_maps, tmp_path):
@@ -60,32 +51,11 @@ def test_wrong_usage_is_exit_2(program):
 
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_help_is_quick_and_shows_two_examples_and_the_exit_codes(program):
-    took = []
-    for _ in range(3):
-        before = cpu_seconds_of_children()
-        done = shell(program, "--help")
-        took.append(cpu_seconds_of_children() - before)
+    done, seconds = cpu_seconds(program_path(program), "--help")
     assert done.returncode == 0
     assert done.stdout.count(f"\n  python tools/{program}.py ") >= 2
     assert "exit codes: 0 " in done.stdout
-    assert min(took) < 0.3
-
-
-@pytest.mark.parametrize(
-    ("words", "status", "most_s"),
-    [(["--help"], 0, 0.2), (["map", "no.bag", "-o", "out"], 1, 0.3), (["merge", "no.yaml", "-o", "out"], 2, 0.3)],
-)
-def test_the_command_answers_before_anything_heavy_is_loaded(words, status, most_s, tmp_path):
-    took = []
-    for _ in range(3):
-        before = cpu_seconds_of_children()
-        done = subprocess.run(  # noqa: S603 - our own command
-            [sys.executable, "-m", "tbmslam", *words],
-            cwd=tmp_path, capture_output=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
-        )  # fmt: skip
-        took.append(cpu_seconds_of_children() - before)
-    assert done.returncode == status
-    assert min(took) < most_s
+    assert seconds < 0.3
 
 
 def test_a_bag_of_another_format_is_one_line_and_exit_1(shared_data, tmp_path):

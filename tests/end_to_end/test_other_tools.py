@@ -1,7 +1,6 @@
 """What both programs write, read by the tools that others use."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -16,6 +15,7 @@ from datasets import RecordingOptions, open_recording
 from tbmslam.io.map_folder import load_map
 from tbmslam.io.trajectory_file import read_tum
 from tests.end_to_end.programs import merge_maps
+from tests.processes import python
 
 pytestmark = pytest.mark.xdist_group("flat")
 
@@ -41,11 +41,7 @@ def run_evo(*arguments, home):
     tool = Path(sys.executable).with_name("evo_traj")
     if not tool.exists():
         pytest.skip("evo is not installed")
-    surroundings = {**os.environ, "HOME": str(home), "MPLBACKEND": "Agg"}
-    command = [str(tool), *map(str, arguments)]
-    done = subprocess.run(  # noqa: S603 - evo's
-        command, capture_output=True, text=True, check=False, timeout=240, env=surroundings
-    )
+    done = python(tool, *arguments, HOME=str(home), MPLBACKEND="Agg")
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -1,15 +1,9 @@
 """The same input and parameters give the same bytes, whoever computes and whatever was compiled before."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
 
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.processes import ROOT, python
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("same bytes")]
 
@@ -49,7 +43,6 @@ def test_with_and_without_compiled_code_at_hand(bags, expected, tmp_path):
 
 def shell(folder, program, *arguments):
     """Run a program with a cache of compiled code of its own."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(folder / "cache")}
-    command = [sys.executable, str(ROOT / "tools" / f"{program}.py"), *map(str, arguments)]
-    subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - our own programs
+    done = python(ROOT / "tools" / f"{program}.py", *arguments, NUMBA_CACHE_DIR=str(folder / "cache"))
+    assert done.returncode == 0, done.stderr
     assert any((folder / "cache").rglob("*.nbc"))

@@ -1,25 +1,19 @@
 """The site of the documentation: every page, every public name, no warning."""
 
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 import merging
 import tbmslam
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.processes import ROOT, python
 
 
 @pytest.mark.slow
 def test_the_site_is_built_without_a_warning(tmp_path):
     pytest.importorskip("sphinx", reason="sphinx is not installed")
     words = ["-W", "--keep-going", "-q", "-b", "html", "-c", ROOT / "docs" / "site", ROOT / "docs", tmp_path / "site"]
-    done = subprocess.run(  # noqa: S603 - our own pages
-        [sys.executable, "-m", "sphinx", *map(str, words)], capture_output=True, text=True, check=False, cwd=ROOT
-    )
+    done = python("-m", "sphinx", *words)
     assert (done.returncode, done.stderr) == (0, "")
     page = (tmp_path / "site" / "api.html").read_text(encoding="utf-8")
     described = set(re.findall(r'<dt class="sig sig-object py" id="[\w.]*?(\w+)">', page))

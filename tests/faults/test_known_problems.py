@@ -5,12 +5,9 @@ Problems with recordings are in tests/datasets, and those of whole programs in t
 
 import math
 import os
-import subprocess
-import sys
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,12 +32,12 @@ from tbmslam.map.map_check import MapFileError, check_size
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.slam import Slam
+from tests.processes import python
 from tools.map_pairs import grid_of, pairs_of
 
 YAML = (
     "image: {image}\nresolution: {resolution}\norigin: {origin}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 )
-ROOT = Path(__file__).resolve().parents[2]
 ANGLES = np.linspace(-math.pi, math.pi, 180, endpoint=False)
 
 
@@ -292,9 +289,7 @@ def test_kernels_work_without_a_cache_folder(place):
         "from tbmslam.kernels import kernel; from tbmslam.kernels.cache_folders import cache_root; "
         "print(cache_root(), kernel(lambda x: x + 1)(1))"
     )
-    surroundings = {"PYTHONPATH": str(ROOT), "PATH": os.defpath, "NUMBA_CACHE_DIR": place}
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, env=surroundings, capture_output=True, text=True, check=False)  # noqa: S603 - our code
+    done = python("-c", code, environment={"PATH": os.defpath}, NUMBA_CACHE_DIR=place)
     assert (done.stdout, done.returncode) == ("None 2\n", 0), done.stderr
 
 

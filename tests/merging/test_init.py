@@ -1,9 +1,7 @@
-import subprocess
-import sys
-
 import pytest
 
 import merging
+from tests.processes import python
 
 
 def test_every_name_is_there_when_it_is_used():
@@ -19,5 +17,4 @@ def test_a_wrong_name_is_an_error():
 def test_parameters_do_not_wait_for_methods():
     heavy = "{'scipy.optimize', 'merging.rigid_alignment', 'merging.merger'}"
     code = f"import sys, merging.config; print({heavy} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
-    assert done.stdout.strip() == "set()"
+    assert python("-c", code).stdout == "set()\n"

@@ -1,33 +1,16 @@
-import os
 import shutil
 import subprocess
-import sys
 import tomllib
-from pathlib import Path
 
 import pytest
 
 from tbmslam.commands import PROGRAMS, main
+from tests.processes import ROOT, cpu_seconds, python
 from tools.command_line.configuration import read_configuration, whole_text
-
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def cpu_seconds(*words):
-    """Return what `python -m tbmslam` printed and its CPU time, the least of three runs [s]."""
-    took = []
-    for _ in range(3):
-        before = os.times()
-        done = subprocess.run(  # noqa: S603 - our own command
-            [sys.executable, "-m", "tbmslam", *words], cwd=ROOT, capture_output=True, text=True, check=False
-        )
-        after = os.times()
-        took.append(after.children_user + after.children_system - before.children_user - before.children_system)
-    return done, min(took)
 
 
 def test_help_names_every_command_and_is_quick():
-    done, seconds = cpu_seconds("--help")
+    done, seconds = cpu_seconds("-m", "tbmslam", "--help")
     assert done.returncode == 0
     assert all(f"\n  {command} " in done.stdout and about in done.stdout for command, (_, about) in PROGRAMS.items())
     assert seconds < 0.2
@@ -41,7 +24,7 @@ def test_a_wrong_path_is_reported_before_heavy_imports():
             "tbmslam merge: none_0: does not exist: give a map's folder or file\n",
         ),
     ):
-        done, seconds = cpu_seconds(*words)
+        done, seconds = cpu_seconds("-m", "tbmslam", *words)
         assert (done.returncode, done.stderr) == (1, line)
         assert seconds < 0.3
 
@@ -102,17 +85,8 @@ def test_bash_completes_commands_and_options(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_warming_up_compiles_once(tmp_path, monkeypatch):
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-
     def warm_up():
-        done = subprocess.run(
-            [sys.executable, "-m", "tbmslam", "warm-up"],
-            cwd=ROOT,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        done = python("-m", "tbmslam", "warm-up", NUMBA_CACHE_DIR=str(tmp_path))
         return int(done.stdout.split(" functions compiled in ")[0].splitlines()[-1])
 
     assert warm_up() > 50

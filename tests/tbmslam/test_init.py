@@ -1,10 +1,8 @@
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 import tbmslam
+from tests.processes import python
 
 
 @pytest.mark.parametrize("name", tbmslam.__all__)
@@ -20,8 +18,7 @@ def test_no_other_name():
 
 def test_names_are_loaded_when_they_are_used():
     code = "import sys, tbmslam; tbmslam.TbmSlamError; print({'numpy', 'numba'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603 - our code
-    assert done.stdout == "set()\n"
+    assert python("-c", code).stdout == "set()\n"
 
 
 def test_a_map_is_made_of_arrays_without_a_file():

@@ -4,18 +4,12 @@ import re
 
 import pytest
 
+from tests.processes import python
 from tools import build_maps, merge
 
 PROGRAMS = (
-    "build_maps",
-    "merge",
-    "make_world",
-    "evaluate",
-    "benchmark",
-    "download",
-    "print_config",
-    "completion",
-    "warm_up",
+    *("build_maps", "merge", "make_world", "evaluate", "benchmark"),
+    *("download", "print_config", "completion", "warm_up"),
 )
 
 
@@ -47,6 +41,14 @@ def test_every_option_is_explained(program):
     for grammar in parsers(program):
         for action in grammar._actions:
             assert action.help or isinstance(action, argparse._SubParsersAction), action
+
+
+@pytest.mark.parametrize("program", [*PROGRAMS, "convert", "edit", "figures", "reproduce_paper"])
+def test_help_loads_nothing_heavy(program):
+    heavy = "{'numpy', 'numba', 'scipy', 'cv2', 'pydantic', 'rosbags'}"
+    help_ = f"from tools.{program} import parser; parser().format_help()"
+    done = python("-c", f"import sys; {help_}; print({heavy} & set(sys.modules))")
+    assert (done.stdout, done.stderr) == ("set()\n", "")
 
 
 def test_an_interrupted_run_states_how_to_continue(monkeypatch, capsys, tmp_path):

@@ -1,15 +1,13 @@
 import bz2
 import gzip
 import lzma
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from datasets import open_recording
 from datasets.rosbag.bag_files import is_ros1, storage_files, unpacked
+from tests.processes import python
 
 
 def test_files_are_distinguished_and_sorted(tmp_path):
@@ -91,29 +89,30 @@ except DatasetError as error:
 """
 
 
-def test_no_room_is_one_line_and_nothing_is_left(bag, tmp_path):
-    plain = bag()
+COUNTING = """
+import sys
+from pathlib import Path
+from datasets import open_recording
+print(sum(1 for _ in open_recording([Path(sys.argv[1])])), *Path(sys.argv[2]).iterdir())
+"""
+
+
+@pytest.fixture
+def unpacked_by(bag, tmp_path):
+    """Return what a program prints about a packed bag, which leaves no temporary files behind."""
+    plain, scratch = bag(), tmp_path / "scratch"
     packed = plain.with_name("run.bag.gz")
     packed.write_bytes(gzip.compress(plain.read_bytes()))
-    (tmp_path / "scratch").mkdir()
-    environment = {"TMPDIR": str(tmp_path / "scratch"), "PYTHONPATH": str(Path.cwd())}
-    said = subprocess.run(  # noqa: S603 - itself
-        [sys.executable, "-c", PROGRAM, packed], env=environment, capture_output=True, check=True, text=True
-    ).stdout
-    assert said.startswith(f"{packed}: cannot be unpacked into ")
+    scratch.mkdir()
+    yield lambda program: python("-c", program, packed, scratch, TMPDIR=str(scratch)).stdout
+    assert list(scratch.iterdir()) == []
+
+
+def test_no_room_is_one_line(unpacked_by):
+    said = unpacked_by(PROGRAM)
+    assert "run.bag.gz: cannot be unpacked into " in said
     assert said.endswith("(File too large): make room, or set TMPDIR to a folder with room\n")
-    assert list((tmp_path / "scratch").iterdir()) == []
 
 
-def test_temporary_files_are_removed_with_the_program(bag, tmp_path):
-    plain = bag()
-    packed = plain.with_name("run.bag.gz")
-    packed.write_bytes(gzip.compress(plain.read_bytes()))
-    (tmp_path / "scratch").mkdir()
-    environment = {"TMPDIR": str(tmp_path / "scratch"), "PYTHONPATH": str(Path.cwd())}
-    program = "import sys; from pathlib import Path; from datasets import open_recording; "
-    program += "print(sum(1 for _ in open_recording([Path(sys.argv[1])])), *Path(sys.argv[2]).iterdir())"
-    run = [sys.executable, "-c", program, packed, tmp_path / "scratch"]
-    said = subprocess.run(run, env=environment, capture_output=True, check=True, text=True).stdout  # noqa: S603 - itself
-    assert said.startswith("100 " + str(tmp_path / "scratch" / "tbmslam-"))
-    assert list((tmp_path / "scratch").iterdir()) == []
+def test_temporary_files_are_there_while_a_program_runs(unpacked_by, tmp_path):
+    assert unpacked_by(COUNTING).startswith("100 " + str(tmp_path / "scratch" / "tbmslam-"))

@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.map_check import MapFileError
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
+from tests.processes import python
 
 EVO_TRAJ = Path(sys.executable).with_name("evo_traj")
 PICTURES = {"pignistic.png", "occupied.png", "free.png", "unknown.png", "conflict.png", "pignistic.pgw"}
@@ -134,15 +134,8 @@ def test_dumps_are_loaded(tmp_path, name):
 def test_evo_takes_the_folder(tmp_path):
     save_map(tmp_path, some_map(some_drive(poses=30)))
     options = "--ros_map_yaml map.yaml --full_check --plot_mode xy --save_plot plot.png"
-    command = [EVO_TRAJ, "tum", "trajectory.tum", *options.split()]
-    done = subprocess.run(  # noqa: S603  our own command
-        command,
-        cwd=tmp_path,
-        env={"HOME": str(tmp_path), "MPLBACKEND": "Agg"},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
+    done = python(
+        EVO_TRAJ, "tum", "trajectory.tum", *options.split(), cwd=tmp_path, HOME=str(tmp_path), MPLBACKEND="Agg"
     )
     assert done.returncode == 0, done.stderr
     assert re.search(r"nr. of poses\s+30\b", done.stdout)

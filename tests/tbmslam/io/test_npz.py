@@ -1,15 +1,12 @@
 import contextlib
-import os
-import subprocess
-import sys
 import tracemalloc
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tbmslam.io.map_npz import ArrayZip, NpzError, write_npz
+from tests.processes import python
 
 ARRAYS = {
     "numbers": np.arange(12.0).reshape(3, 4),
@@ -210,8 +207,5 @@ except KeyboardInterrupt:
 
 
 def test_an_interruption_while_an_entry_ends_is_heard(tmp_path):
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[3])}
-    command = [sys.executable, "-c", INTERRUPTED_WRITING, str(tmp_path / "arrays.npz")]
-    done = subprocess.run(command, env=environment, capture_output=True, check=False)  # noqa: S603 - our own script
-    assert done.returncode == 130
+    assert python("-c", INTERRUPTED_WRITING, tmp_path / "arrays.npz").returncode == 130
     assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,4 @@
-import subprocess
-import sys
+from tests.processes import python
 
 CODE = """
 import sys
@@ -18,5 +17,4 @@ print(linalg.det(np.eye(2)))
 
 
 def test_kernels_load_no_scipy_and_leave_it_to_others():
-    run = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True)  # noqa: S603 - our code
-    assert run.stdout.split() == ["False", "2.0", "1.0"]
+    assert python("-c", CODE).stdout.split() == ["False", "2.0", "1.0"]

@@ -2,21 +2,18 @@
 
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
+from tests.processes import ROOT, python
 from tools.command_line.interruption import Interruption, handle_interruption, restore_handlers
 from tools.command_line.program import run_program
-
-ROOT = Path(__file__).resolve().parents[3]
 
 INTERRUPTED_WHILE_LOADING = """
 import runpy, signal, sys
@@ -58,10 +55,8 @@ def on_a_terminal():
 
 
 def interrupted_at(tmp_path, number, program):
-    words = [sys.executable, "-c", INTERRUPTED_WHILE_LOADING, str(number), str(ROOT / f"tools/{program}.py")]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    words += PROGRAMS[program]
-    return subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)  # noqa: S603
+    words = [INTERRUPTED_WHILE_LOADING, number, ROOT / f"tools/{program}.py", *PROGRAMS[program]]
+    return python("-c", *words, cwd=tmp_path)
 
 
 def assert_is_interrupted(done, program):
@@ -93,10 +88,7 @@ def test_an_installed_command_hears_it_before_it_loads_its_program(tmp_path):
         "sys.meta_path.insert(0, Finder())\n"
         "from tbmslam.commands import run; sys.argv[1:] = ['merge']; sys.exit(run())"
     )
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(  # noqa: S603 - a fixed command
-        [sys.executable, "-c", begin], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-    )
+    done = python("-c", begin, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (130, "tbmslam merge: interrupted\n")
 
 
@@ -192,6 +184,7 @@ def test_a_second_call_returns_the_first_handler():
 
 ENDS_WITH_A_THREAD = """
 import atexit, signal, sys
+from tests.processes import ROOT, python
 from tools.command_line.interruption import handle_interruption
 from tools.command_line.program import run_program
 handle_interruption("merge")
@@ -209,10 +202,7 @@ sys.exit(run_program("merge", work))
 @pytest.mark.parametrize(("how", "code", "said"), [("killed", 143, "tidied\n"), ("done", 0, "tidied\ntaken apart\n")])
 def test_an_interrupted_program_tidies_and_is_not_taken_apart(how, code, said):
     """Compiled code may still run in threads, and crashes where Python is taken apart beneath it."""
-    command, environment = [sys.executable, "-c", ENDS_WITH_A_THREAD, how], {**os.environ, "PYTHONPATH": str(ROOT)}
-    run = subprocess.run(  # noqa: S603 - itself
-        command, env=environment, capture_output=True, check=False, text=True, timeout=60
-    )
+    run = python("-c", ENDS_WITH_A_THREAD, how)
     assert (run.returncode, run.stdout) == (code, said)
 
 

@@ -13,6 +13,7 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
+from tests.processes import ROOT, python
 from tools import evaluate, merge
 from tools.command_line.interruption import Interruption
 from tools.command_line.program import (
@@ -25,7 +26,6 @@ from tools.command_line.program import (
     typed_command,
 )
 
-ROOT = Path(__file__).resolve().parents[3]
 PROGRAMS = {"build_maps": ("nowhere.bag", "-o"), "merge": ("nowhere", "nobody", "-o"), "make_world": ("-o",)}
 
 
@@ -160,8 +160,7 @@ if {configured}:
     logging.basicConfig(format="%(message)s")
 run_program("merge", lambda: logging.getLogger("x").warning("%s: is odd", "laser\\x1b[2J\\nmerge: all is well"))
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)  # noqa: S603
-    assert done.stderr == "laser\\x1b[2J\\nmerge: all is well: is odd\n"
+    assert python("-c", code).stderr == "laser\\x1b[2J\\nmerge: all is well: is odd\n"
 
 
 def test_maps_with_names_of_invalid_text_are_merged_and_saved(tmp_path):
@@ -208,9 +207,6 @@ def test_a_call_from_python_is_reported_with_the_program_s_name():
     assert typed_command("merge", ["a", "b"]) == "merge a b"
 
 
-TOOLS = Path(__file__).resolve().parents[3] / "tools"
-
-
 class FullDisk(io.StringIO):
     def flush(self):
         raise OSError(28, "No space left on device")
@@ -242,7 +238,7 @@ def test_help_is_printed_where_it_can(monkeypatch, capsys):
 
 
 def test_every_program_has_such_a_grammar():
-    sources = [path.read_text(encoding="utf-8") for path in TOOLS.glob("*.py")]
+    sources = [path.read_text(encoding="utf-8") for path in (ROOT / "tools").glob("*.py")]
     programs = [source for source in sources if "def main(" in source]
     assert len(programs) > 5
     assert not any("argparse.ArgumentParser(" in source for source in programs)
