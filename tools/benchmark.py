@@ -71,12 +71,7 @@ def parser(program: str = "benchmark") -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=about, epilog=examples(EXAMPLES, program))
         command.set_defaults(function=function)
         add(command)
-        command.add_argument(
-            "--json",
-            type=path_argument,
-            metavar="FILE",
-            help="write all figures here too",
-        )
+        command.add_argument("--json", type=path_argument, metavar="FILE", help="write all figures here too")
         command.add_argument(
             "--table", type=path_argument, metavar="FILE", help="write the tables here for docs/figures, see figures.py"
         )

@@ -315,11 +315,7 @@ def _check_files(paths: Sequence[Path], out: Path) -> None:
 
 
 def _save(
-    options: argparse.Namespace,
-    result: "Merge",
-    maps: Mapping[str, "TbmMap"],
-    config: "MergeConfig",
-    info: "RunInfo",
+    options: argparse.Namespace, result: "Merge", maps: Mapping[str, "TbmMap"], config: "MergeConfig", info: "RunInfo"
 ) -> None:
     from merging.report.json_report import write_report
     from tbmslam.io.atomic_file import write_text

@@ -169,11 +169,7 @@ _FARTHEST = np.array([0.1, 0.5])
 
 
 def fit_laser(
-    keyframes: Keyframes,
-    poses: FloatArray,
-    chain: MotionChain,
-    config: LaserFitConfig,
-    pieces: AdjustmentConfig,
+    keyframes: Keyframes, poses: FloatArray, chain: MotionChain, config: LaserFitConfig, pieces: AdjustmentConfig
 ) -> LaserErrors | None:
     """Estimate the errors of the stated laser geometry; None if the drive or the field of view is too small.
 

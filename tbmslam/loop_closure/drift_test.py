@@ -46,11 +46,7 @@ class DriftTest:
         self._bundle = length, points
 
     def allows(
-        self,
-        elected: Sequence[PlacedBundle],
-        covariance: FloatArray,
-        poses: FloatArray,
-        closures: Sequence[MotionEdge],
+        self, elected: Sequence[PlacedBundle], covariance: FloatArray, poses: FloatArray, closures: Sequence[MotionEdge]
     ) -> bool:
         """Return whether the drift and the free space allow elected poses, given in the order of the drive.
 

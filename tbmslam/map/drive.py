@@ -87,9 +87,7 @@ class Drive:
     def transformed(self, T_new_old: SE2) -> "Drive":
         """Return the same drive in another frame."""
         return replace(
-            self,
-            trajectory=self.trajectory.transformed(T_new_old),
-            keyframes=self.keyframes.transformed(T_new_old),
+            self, trajectory=self.trajectory.transformed(T_new_old), keyframes=self.keyframes.transformed(T_new_old)
         )
 
 

@@ -40,8 +40,7 @@ class InsertionConfig(FrozenConfig):
         "ignore", description="a beam without a return marks free space up to its range limit, or nothing"
     )
     once_per_scan: bool = Field(
-        False,
-        description="each scan counts once per cell, and a hit overrides passages; else every beam counts",
+        False, description="each scan counts once per cell, and a hit overrides passages; else every beam counts"
     )
 
 
@@ -71,14 +70,7 @@ class ScanInserter:
             return
         grid.grow_to_contain(corners)
         insert = insert_scan if self._config.once_per_scan else insert_beams
-        insert(
-            grid.ratios,
-            grid.lattice,
-            starts,
-            ends,
-            is_hit,
-            self._factors_for(grid.resolution, scan_quality),
-        )
+        insert(grid.ratios, grid.lattice, starts, ends, is_hit, self._factors_for(grid.resolution, scan_quality))
 
     def _factors_for(self, resolution: float, scan_quality: float) -> BeamFactors:
         key = (resolution, scan_quality)

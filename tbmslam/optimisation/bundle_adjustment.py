@@ -18,10 +18,7 @@ from pydantic import Field
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, compose, inverse, path_lengths, wrap_angles
 from tbmslam.kernels.adjustment.laser_slopes import ObservedLines
-from tbmslam.kernels.adjustment.line_adjustment import (
-    fit_lines,
-    line_equations,
-)
+from tbmslam.kernels.adjustment.line_adjustment import fit_lines, line_equations
 from tbmslam.kernels.adjustment.motion_systems import motion_equations
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem
 from tbmslam.kernels.adjustment.two_levels import Preconditioner
@@ -226,12 +223,7 @@ class WallLines:
     """
 
     def __init__(
-        self,
-        hits: StretchHits,
-        every: int,
-        poses: FloatArray,
-        shift: float,
-        config: AdjustmentConfig,
+        self, hits: StretchHits, every: int, poses: FloatArray, shift: float, config: AdjustmentConfig
     ) -> None:
         raster = Raster(config.cell, shift, config.sectors)
         seen, known = see_walls(hits, every, poses, raster)

@@ -12,6 +12,8 @@ from datasets.synthetic.map_pairs.pairs import (
     mirrored,
 )
 from merging import MergeConfig, align
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.map.tbm_map import TbmMap
 from tools.map_pairs import KnownPair
 
 
@@ -67,3 +69,10 @@ def test_a_pair_as_likely_wrong_as_right_is_refused():
     assert alignment.reason.startswith(f"confidence {alignment.confidence:.3f} is under 0.85")
     lenient = MergeConfig.model_validate({"verification": {"min_confidence": 0.3}})
     assert align(known.target, known.source, lenient).accepted
+
+
+def test_where_nothing_is_found_nothing_is_accepted():
+    blank = TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 20, 20)))
+    found = align(blank, blank)
+    assert not found.accepted
+    assert found.T_target_source is None

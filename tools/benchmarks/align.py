@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from merging.baselines.howard import Encounter, measured
 from tbmslam.belief.grid import TbmGrid, walls_and_free
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2
 from tools.calibration import BINS, calibration_table
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
 from tools.map_pairs import KnownPair
@@ -234,12 +234,3 @@ def encounters_of(pair: KnownPair) -> list[Encounter]:
 
 def _free(grid: TbmGrid) -> npt.NDArray[np.bool_]:
     return walls_and_free(grid)[1]
-
-
-def _centres(grid: TbmGrid, chosen: npt.NDArray[np.bool_]) -> FloatArray:
-    return grid.geometry.centres_of(*np.nonzero(chosen))
-
-
-def _is_free_at(grid: TbmGrid, points: FloatArray) -> npt.NDArray[np.bool_]:
-    rows, cols, inside = grid.geometry.cells_at(points)
-    return np.asarray(inside & _free(grid)[rows, cols])

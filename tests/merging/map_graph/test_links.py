@@ -12,7 +12,7 @@ from merging.config.groups import GraphConfig
 from merging.map_graph.grouping import groups_of
 from merging.map_graph.links import CentroidFrames, Edge, GroupLinks, _are_same, edges_of, is_same_pose
 from tbmslam.geometry.se2 import SE2
-from tests.merging.slow_links import slow_links_of
+from tests.merging.map_graph.slow_links import slow_links_of
 
 CONFIG = GraphConfig()
 
