@@ -111,6 +111,7 @@ def test_there_are_commands_and_every_link_leads_somewhere():
 
 def test_the_readme_is_short():
     assert len(README.splitlines()) <= LONGEST
+    assert max(map(len, README.splitlines())) <= 120
 
 
 def test_every_page_is_led_to_from_the_readme():
