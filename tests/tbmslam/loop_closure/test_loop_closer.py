@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from tbmslam.geometry.se2 import SE2
+from tbmslam.loop_closure.far_search import PlaceIndex
 from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig, PlacedBundle, _Drive
+from tbmslam.loop_closure.sequence_consistency import ClosureVotesConfig
 from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, edge_errors, relative_pose
 from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import LaserScan
@@ -75,10 +77,10 @@ def test_few_submaps_are_kept_at_a_time(drive_in, monkeypatch):
     np.testing.assert_array_equal(found.trajectory.poses, expected.trajectory.poses)
 
 
-def drifting_far(robot, seed):
-    """Return true and tracked laser poses, scans, and motions whose headings are honestly said to be poor."""
+def drifting_far(robot, seed, deviations=(0.02, 0.005, 0.02)):
+    """Return true and tracked laser poses, scans, and motions with the stated standard deviations."""
     true, _, scans = drifting_keyframes(robot, 0.0, 0.4)
-    generator, deviations = np.random.default_rng(seed), np.array([0.02, 0.005, 0.02])
+    generator, deviations = np.random.default_rng(seed), np.array(deviations)
     tracked, chain = [SE2.from_array(true[0])], []
     for k in range(len(true) - 1):
         step = relative_pose(true, k, k + 1) @ SE2(*generator.normal(0.0, deviations))
@@ -99,6 +101,26 @@ def test_a_drive_that_drifted_beyond_every_window_closes(drive_in):
     assert errors(true, closed)[-1] < 0.5
     assert len(closures) > 10
     assert false_closures(true, closures) == []
+
+
+@pytest.mark.slow
+def test_a_drive_that_drifted_beyond_every_window_stays_open_without_signatures(drive_in, monkeypatch):
+    """Ablation of `tbmslam.loop_closure.far_search`: 23 m instead of 0.3 m."""
+    true, tracked, scans, chain = drifting_far(drive_in("halls", 250.0, "good", seed=1), 1)
+    monkeypatch.setattr(PlaceIndex, "likeliest", lambda *_: np.zeros(0, dtype=np.int64))
+    closed, _ = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert errors(true, closed)[-1] > 10.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("world", "length", "seed"), [("corridor", 120, 3), ("hospital", 250, 2), ("office", 150, 2)])
+def test_a_find_of_one_keyframe_is_false_where_others_need_not_agree(drive_in, world, length, seed):
+    """Ablation of `tbmslam.loop_closure.sequence_consistency`."""
+    true, *drive = drifting_far(drive_in(world, length, "good", seed), seed, (0.15, 0.02, 0.003))
+    alone = LoopClosingConfig(votes=ClosureVotesConfig(stops=1, margin=1.0))
+    for config, expected in ((LoopClosingConfig(), False), (alone, True)):
+        _, closures = LoopCloser(config, SurfelConfig()).close(*drive)
+        assert (len(false_closures(true, closures)) > 0) is expected
 
 
 def test_a_far_drift_closes_nothing_false_where_all_is_alike(drive_in):
