@@ -59,12 +59,14 @@ def download(address: str, target: Path, sha256: str | None = None, progress: Pr
         part.unlink()
         _tag_file(part).unlink(missing_ok=True)
         raise DownloadError(
-            f"{address}: what arrived {mismatch}: it was removed: check if the file has moved or needs a password"
+            f"{address}: the received file {mismatch}: it was removed: check if the file has moved or needs a password"
         )
     arrived = _digest(part)
     if sha256 is not None and arrived != sha256:
         part.unlink()
-        raise DownloadError(f"{address}: arrived with SHA-256 {arrived} and not {sha256}: removed, run again")
+        raise DownloadError(
+            f"{address}: the received file has the SHA-256 {arrived}, not {sha256}: it was removed, run again"
+        )
     with replacing(target) as whole:
         part.replace(whole)
     _tag_file(part).unlink(missing_ok=True)

@@ -67,7 +67,7 @@ def parser(program: str = "build_maps") -> argparse.ArgumentParser:
     truth = grammar.add_argument_group("truth, for evaluation only")
     truth.add_argument(
         "--reference", type=path_argument, nargs="+", metavar="TUM",
-        help="true trajectory of each recording, in one frame; without them the whole drive is mapped as the reference",
+        help="true trajectory of each recording, in one frame; else the map of the whole drive is the reference",
     )  # fmt: skip
     truth.add_argument("--no-truth", action="store_true", help="write no truth.json")
     add_recording_options(grammar)

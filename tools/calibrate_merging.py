@@ -60,7 +60,7 @@ def _parser() -> ProgramParser:
     )  # fmt: skip
     grammar.add_argument(
         "--strangers", type=int, default=0, metavar="N",
-        help=f"also N pairs of `benchmark strangers --seed {STRANGERS_SEED}`, of the same weight",
+        help=f"N more pairs to fit on, of `benchmark strangers --seed {STRANGERS_SEED}`; each counts as much",
     )  # fmt: skip
     grammar.add_argument(
         "--ask", nargs="*", type=path_argument, default=[], metavar="FOLDER", help="pairs to evaluate only"

@@ -228,7 +228,7 @@ def _of_robot(
         if drives and len(drives[0].keyframes):
             return reference.of_robot(drives[0].keyframes.mounting())
     raise TbmSlamError(
-        f"{path} is of the laser, and no map with keyframes lies beside {estimate} to say where that is mounted: pass "
+        f"{path} holds poses of the laser, and no map with keyframes beside {estimate} states its mounting: pass "
         "--sensor-pose X Y DEG"
     )
 

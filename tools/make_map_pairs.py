@@ -61,9 +61,13 @@ def _parser() -> argparse.ArgumentParser:
         help="also floors of this area with repeating blocks, one for each seed; only these without --world",
     )  # fmt: skip
     what.add_argument("--area", type=_AREA, metavar="M2", help="free area of the part of each building (all of it)")
-    what.add_argument("--parts", type=_PARTS, default=0, metavar="N", help="also its mirror image and N parts of it")
+    what.add_argument(
+        "--parts", type=_PARTS, default=0, metavar="N", help="also pairs of the mirror image and of N parts"
+    )
     what.add_argument("--largest", type=_SIZE, default=math.inf, metavar="M2", help="largest known area of a pair")
-    what.add_argument("--overlap", nargs="+", type=_PERCENT, default=PERCENT, metavar="PERCENT", help="of the two maps")
+    what.add_argument(
+        "--overlap", nargs="+", type=_PERCENT, default=PERCENT, metavar="PERCENT", help="overlaps of the maps"
+    )
     grammar.add_argument(
         "--bend", type=number_within(float, 1e-6, _MOST_BEND_M), metavar="M",
         help="distort each map by this over tens of metres, and move all objects (2 to 6 cm, and some objects)",

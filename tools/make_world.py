@@ -92,8 +92,9 @@ def _add_laser(laser: argparse._ArgumentGroup) -> None:
     laser.add_argument("--dropouts", type=float, default=0.003, metavar="F", help="share of lost returns (0.003)")
     laser.add_argument("--wrong-returns", type=float, default=0.001, metavar="F", help="share of short returns (0.001)")
     laser.add_argument(
-        "--mount", nargs=3, type=float, default=(0.275, 0.0, 0.0), metavar=("X", "Y", "YAW_DEG"), help="(0.275 0 0)"
-    )
+        "--mount", nargs=3, type=float, default=(0.275, 0.0, 0.0), metavar=("X", "Y", "YAW_DEG"),
+        help="pose of the laser on the robot [m, m, deg] (0.275 0 0)",
+    )  # fmt: skip
     laser.add_argument("--sweep", type=float, default=0.0, metavar="S", help="duration of a scan [s] (0)")
     laser.add_argument("--rings", type=int, default=0, metavar="N", help="a lidar of N rings that sends clouds (0)")
     laser.add_argument("--upside-down", action="store_true", help="mount the laser upside down")

@@ -70,11 +70,13 @@ def parser() -> argparse.ArgumentParser:
     )
     paper = grammar.add_argument_group("experiments")
     paper.add_argument("--pairs", type=_PAIRS, default=10, metavar="N", help="largest number of pairs, to 16 (10)")
-    paper.add_argument("--min-overlap", type=_SHARE, default=0.25, metavar="F", help="of the smaller map (0.25)")
-    paper.add_argument("--tolerance", type=_POSITIVE, default=0.5, metavar="M", help="error of a right match (0.5)")
-    paper.add_argument("--keypoints", type=_COUNTS, default="100,500,1000,2500,5000", help="rows of table II")
-    paper.add_argument("--ratios", type=_NUMBERS, default="0.5,0.6,0.7,0.8", help="rows of table II")
-    paper.add_argument("--areas", type=_areas, default="4125,4900,5625,8700,12100,13200", help="of table IV [m2]")
+    paper.add_argument("--min-overlap", type=_SHARE, default=0.25, metavar="F", help="least overlap of a pair (0.25)")
+    paper.add_argument(
+        "--tolerance", type=_POSITIVE, default=0.5, metavar="M", help="largest error of a right match (0.5)"
+    )
+    paper.add_argument("--keypoints", type=_COUNTS, default="100,500,1000,2500,5000", help="keypoints in table II")
+    paper.add_argument("--ratios", type=_NUMBERS, default="0.5,0.6,0.7,0.8", help="ratios in table II")
+    paper.add_argument("--areas", type=_areas, default="4125,4900,5625,8700,12100,13200", help="areas in table IV [m2]")
     paper.add_argument("--repeat", type=_PLURAL, default=10, metavar="N", help="timed runs of each pair (10)")
     return grammar
 

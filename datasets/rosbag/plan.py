@@ -182,7 +182,7 @@ def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, sur
     if survey.laser is None:
         listed = ", ".join(f"{laser.frame} ({laser.scans} scans)" for laser in lasers)
         raise DatasetError(
-            f"{files.paths[0]}: no scan of {topics.scan} is of a laser in frame {options.laser_frame}; "
+            f"{files.paths[0]}: no scan of {topics.scan} has the frame {options.laser_frame}; "
             f"there are {listed}: choose one with --laser-frame"
         )
     if len(lasers) > 1 and options.laser_frame is None:

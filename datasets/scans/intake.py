@@ -42,7 +42,7 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
     fan = step * (beams - 1)
     if fan > _MORE_THAN_A_TURN_DEG:
         return (
-            f"{beams} beams {step:.4f} degrees apart are stated, more than a turn: if they span one turn, pass "
+            f"the scans state {beams} beams {step:.4f} degrees apart, more than a turn: if these span one turn, pass "
             f"--angle-step-deg {360.0 / beams:.6g}"
         )
     for true_step in _ROUND_STEPS_DEG:

@@ -104,7 +104,7 @@ def _parse(path: Path) -> dict[object, object]:
         reason = " ".join(str(getattr(error, "problem", None) or error).split())
         raise MapFileError(f"{path}: is no yaml file ({reason[:120]}): correct it") from error
     if not isinstance(values, dict):
-        raise MapFileError(f"{path}: is no yaml file of a ROS map: it must say image, resolution and origin")
+        raise MapFileError(f"{path}: is no yaml file of a ROS map: it must state image, resolution and origin")
     return values
 
 
@@ -130,7 +130,9 @@ def _image_path(path: Path, name: object) -> Path:
     image = Path(os.path.normpath(folder / name))
     if not image.is_relative_to(folder):
         if (folder / image.name).is_file():
-            logger.warning("%s: the image %s lies elsewhere: read %s beside it", path, reprlib.repr(name), image.name)
+            logger.warning(
+                "%s: the image %s lies outside its folder: %s beside it is read", path, reprlib.repr(name), image.name
+            )
             return path.parent / image.name
         raise MapFileError(f"{path}: the image {reprlib.repr(name)} lies outside the yaml's folder: copy it beside it")
     return path.parent / image.relative_to(folder)

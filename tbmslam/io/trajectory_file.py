@@ -75,11 +75,11 @@ def _numbers(place: str, line: str) -> list[float]:
     try:
         numbers = [float(field) for field in fields]
     except ValueError as error:
-        raise TumError(f"{place}: {str(error)[:120]}: leave the line out") from None
+        raise TumError(f"{place}: {str(error)[:120]}: remove the line") from None
     if not all(map(math.isfinite, numbers)):
-        raise TumError(f"{place}: has a number that is not finite: leave the line out")
+        raise TumError(f"{place}: has a number that is not finite: remove the line")
     if not max(map(abs, numbers[1:4])) <= FARTHEST_PLACE:
-        raise TumError(f"{place}: lies more than {FARTHEST_PLACE:.0e} m away: leave the line out")
+        raise TumError(f"{place}: the position is more than {FARTHEST_PLACE:.0e} m away: remove the line")
     return numbers
 
 
@@ -129,9 +129,9 @@ def _laser_pose(place: str, line: str) -> tuple[float, float, float, float]:
     try:
         x, y, theta = map(float, fields[1:])
     except ValueError as error:
-        raise TumError(f"{place}: {str(error)[:120]}: leave the line out") from None
+        raise TumError(f"{place}: {str(error)[:120]}: remove the line") from None
     if not (abs(x) <= FARTHEST_PLACE and abs(y) <= FARTHEST_PLACE and np.isfinite(theta)):
-        raise TumError(f"{place}: is not finite, or more than {FARTHEST_PLACE:.0e} m away: leave the line out")
+        raise TumError(f"{place}: is not finite, or more than {FARTHEST_PLACE:.0e} m away: remove the line")
     return int(fields[0]) * 1e-6, x, y, theta
 
 

@@ -70,7 +70,7 @@ class LoopClosingConfig(FrozenConfig):
     step: float = Field(1.0, gt=0, description="travelled length between keyframes that are searched for [m]")
     submaps_per_step: int = Field(2, ge=1, description="nearest old submaps that are searched each time")
     familiar: float = Field(
-        0.75, gt=0, le=1, description="a submap found again in older ones by this share is no target"
+        0.75, gt=0, le=1, description="share of a submap, found in older submaps, from which on it is no target"
     )
     drift: float = Field(0.03, gt=0, description="position drift by travelled length, for the search window [m/m]")
     turn_drift: float = Field(0.006, gt=0, description="heading drift by travelled length [rad/m]")

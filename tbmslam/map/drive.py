@@ -77,7 +77,7 @@ class Drive:
         steps = max(len(self.keyframes) - 1, 0)
         if self.motions is not None and len(self.motions) != steps:
             raise ValueError(
-                f"motions must be one less than the {len(self.keyframes)} keyframes, got {len(self.motions)}"
+                f"there must be one motion less than the {len(self.keyframes)} keyframes, got {len(self.motions)}"
             )
 
     def __repr__(self) -> str:

@@ -177,9 +177,7 @@ class ParticleTrackerConfig(FrozenConfig):
         40.0, gt=0, description="number of independent hits that a scan counts for in matching"
     )
     weighing_points: float = Field(8.0, gt=0, description="the same when the particles are weighted")
-    clutter: float = Field(
-        0.05, gt=0, lt=1, description="likelihood of a hit in free space, beside 1 on a certain wall"
-    )
+    clutter: float = Field(0.05, gt=0, lt=1, description="likelihood of a hit in free space; 1 on a certain wall")
     unknown: float = Field(0.3, ge=0, le=1, description="likelihood of a hit in an unknown cell")
     spread: float = Field(0.8, gt=0, description="standard deviation of a hit from its cell's centre [cells]")
     position_step: float = Field(0.1, gt=0, description="first step of the search along x and y [m]")

@@ -99,7 +99,9 @@ class MonteCarloConfig(FrozenConfig):
     method: Literal["monte_carlo"] = "monte_carlo"
     position_deviation: float = Field(0.2, gt=0, description="standard deviation of a candidate's x and y [m]")
     heading_deviation: float = Field(0.1, gt=0, description="standard deviation of a candidate's heading [rad]")
-    max_failures: int = Field(20, ge=1, description="rejected candidates, at one deviation, that end the search")
+    max_failures: int = Field(
+        20, ge=1, description="number of rejected candidates at one deviation that ends the search"
+    )
     max_candidates: int = Field(100, ge=1, description="candidates that end the search in any case")
     weighting: BeamWeighting = Field("viny", description="beams count alike, or by angle as in the original")
     score: CellScore = Field("discrepancy", description="score of a hit in a cell: see `CellScore`")

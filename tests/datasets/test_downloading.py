@@ -166,7 +166,7 @@ def test_a_body_without_an_end_is_cut(server, tmp_path, monkeypatch):
 )
 def test_what_cannot_be_the_file_is_not_kept(server, tmp_path, name, content, why):
     server.content = content
-    with pytest.raises(DownloadError, match=rf"what arrived {why}: it was removed"):
+    with pytest.raises(DownloadError, match=rf"the received file {why}: it was removed"):
         download(server.address, tmp_path / name)
     assert names(tmp_path) == []
     (tmp_path / name).write_bytes(content)
@@ -182,7 +182,7 @@ def test_a_416_where_nothing_had_begun_is_what_the_server_says(server, tmp_path)
 
 
 def test_a_wrong_digest_is_not_kept(server, tmp_path):
-    with pytest.raises(DownloadError, match=rf"arrived with SHA-256 {SHA256} and not 0+: removed, run again"):
+    with pytest.raises(DownloadError, match=rf"the received file has the SHA-256 {SHA256}, not 0+: it was removed"):
         download(server.address, tmp_path / "a.bag", "0" * 64)
     assert not (tmp_path / "a.bag").exists()
     assert not (tmp_path / "a.bag.part").exists()

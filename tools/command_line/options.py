@@ -43,7 +43,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     scans.add_argument("--profile", choices=("auto", "stata"), help="known kind of recording (auto)")
     scans.add_argument(
         "--scan-topic", action="append", metavar="[RECORDING=]TOPIC",
-        help="topic of the scans, of all recordings or of one, as in monday=/scan; in a CARMEN log such as FLASER",
+        help="topic of the scans, or the kind of line of a log (FLASER); monday=/scan sets it for one recording",
     )  # fmt: skip
     scans.add_argument("--laser-frame", metavar="FRAME", help="frame of the laser (the laser with most usable scans)")
     scans.add_argument(

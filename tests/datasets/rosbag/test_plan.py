@@ -98,7 +98,7 @@ def test_a_laser_that_is_not_there_is_one_line_with_those_that_are(script, tmp_p
     with pytest.raises(DatasetError) as caught:
         open_recording([path], RecordingOptions(laser_frame="rear"))
     assert str(caught.value) == (
-        f"{path}: no scan of /scan is of a laser in frame rear; there are blind (90 scans), front (90 scans): "
+        f"{path}: no scan of /scan has the frame rear; there are blind (90 scans), front (90 scans): "
         "choose one with --laser-frame"
     )
 

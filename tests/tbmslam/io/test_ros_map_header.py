@@ -120,4 +120,6 @@ def test_a_picture_of_another_machine_is_the_one_beside(tmp_path, caplog, name):
         read_ros_map_header(folder / "hall.yaml")
     (folder / "hall.pgm").write_bytes(b"P5 1 1 255 0")
     assert read_ros_map_header(folder / "hall.yaml").image == folder / "hall.pgm"
-    assert caplog.messages == [f"{folder / 'hall.yaml'}: the image '{name}' lies elsewhere: read hall.pgm beside it"]
+    assert caplog.messages == [
+        f"{folder / 'hall.yaml'}: the image '{name}' lies outside its folder: hall.pgm beside it is read"
+    ]

@@ -138,7 +138,7 @@ def test_a_tum_file_is_of_the_robot(tmp_path):
         ("1295936788250000,1.0,2.0", r"poses:2: is not 't, x, y, theta' with t in whole microseconds"),
         ("1295936788.25,1.0,2.0,0.1", r"poses:2: is not 't, x, y, theta' with t in whole microseconds"),
         ("1295936788250000 1.0 2.0 0.1", r"poses:2: is not 't, x, y, theta' with t in whole microseconds"),
-        ("1295936788250000,1.0,two,0.1", r"poses:2: could not convert string to float: 'two': leave the line out"),
+        ("1295936788250000,1.0,two,0.1", r"poses:2: could not convert string to float: 'two': remove the line"),
         ("1295936788250000,1.0,nan,0.1", r"poses:2: is not finite, or more than"),
         ("1295936788250000,1.0,2.0,inf", r"poses:2: is not finite, or more than"),
     ],

@@ -39,7 +39,7 @@ def test_closures_are_between_keyframes_of_the_drive():
 
 def test_motions_are_between_keyframes_of_the_drive():
     nowhere = Trajectory(np.zeros(0), np.zeros((0, 3))), Keyframes.from_scans([], [], [])
-    with pytest.raises(ValueError, match=r"motions must be one less than the 0 keyframes, got 2"):
+    with pytest.raises(ValueError, match=r"there must be one motion less than the 0 keyframes, got 2"):
         Drive("robot_0", *nowhere, motions=DriveMotions(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1))))
 
 

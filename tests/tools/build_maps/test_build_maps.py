@@ -89,7 +89,7 @@ def test_the_laser_s_truth_scores_as_the_robot_s(bag, bags, tmp_path, capsys):
     alone = tmp_path / "alone.tum"
     alone.write_bytes((tmp_path / "a" / "robot_0" / "trajectory.tum").read_bytes())
     assert evaluate.main(["trajectory", str(alone), "--truth", str(laser)]) == 1
-    assert "is of the laser, and no map with keyframes lies beside" in capsys.readouterr().err
+    assert "holds poses of the laser, and no map with keyframes beside" in capsys.readouterr().err
     where = [str(mounting.x), str(mounting.y), str(math.degrees(mounting.theta))]
     assert evaluate.main(["trajectory", str(alone), "--truth", str(laser), "--json", "--sensor-pose", *where]) == 0
     assert json.loads(capsys.readouterr().out)["ate_m"]["rmse"] == pytest.approx(rmses[0], abs=1e-6)
