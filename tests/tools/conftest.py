@@ -57,3 +57,16 @@ def folders(tmp_path_factory):
     }.items():
         map_folder.save_map(root / name, TbmMap(grid))
     return root
+
+
+@pytest.fixture
+def usage_error(capsys):
+    """Return a function that calls a program with wrong words, and returns its message."""
+
+    def message_of(main, *words):
+        with pytest.raises(SystemExit) as left:
+            main(*words)
+        assert left.value.code == 2
+        return capsys.readouterr().err
+
+    return message_of

@@ -47,11 +47,8 @@ def test_a_recording_that_is_missing_is_one_line_and_exit_1(tmp_path, capsys):
         (["align", "pairs", "--method", "best"], "--method: there is no 'best'; there are correlation, features"),
     ],
 )
-def test_wrong_usage_is_exit_2(capsys, arguments, message):
-    with pytest.raises(SystemExit) as left:
-        main(arguments)
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
+def test_wrong_usage_is_exit_2(usage_error, arguments, message):
+    assert message in usage_error(main, arguments)
 
 
 def test_ctrl_c_is_one_line(monkeypatch, capsys):

@@ -88,8 +88,5 @@ def test_what_cannot_be_done_is_one_line_and_changes_nothing(room, tmp_path, mon
     assert {path.name: path.read_bytes() for path in room.iterdir()} == before
 
 
-def test_without_an_edit_nothing_is_done(room, capsys):
-    with pytest.raises(SystemExit) as left:
-        run(room, "-o", "out")
-    assert left.value.code == 2
-    assert "give an edit, such as --align-axes, or a file of --edits" in capsys.readouterr().err
+def test_without_an_edit_nothing_is_done(room, usage_error):
+    assert "give an edit, such as --align-axes, or a file of --edits" in usage_error(run, room, "-o", "out")

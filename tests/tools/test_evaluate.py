@@ -197,11 +197,8 @@ def test_relations_of_another_recording(files, tmp_path, capsys):
         (("map", "a", "--truth", "b", "--min-evidence", "1"), "--min-evidence must be at least 0 and below 1, got 1"),
     ],
 )
-def test_wrong_usage_is_exit_2(capsys, arguments, message):
-    with pytest.raises(SystemExit) as left:
-        run(*arguments)
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
+def test_wrong_usage_is_exit_2(usage_error, arguments, message):
+    assert message in usage_error(run, *arguments)
 
 
 @pytest.mark.parametrize(
@@ -251,9 +248,8 @@ def test_a_step_as_short_as_no_number_ends_at_each_pose(files, capsys):
     assert figures["rpe"]["steps"] == figures["poses"] - figures["unmatched"] - 1
 
 
-def test_a_transform_that_is_no_place_is_wrong_usage(files, capsys):
+def test_a_transform_that_is_no_place_is_wrong_usage(files, usage_error):
     for number in ("nan", "inf", "1e300"):
-        with pytest.raises(SystemExit) as left:
-            run("map", files / "map", "--truth", files / "map", "--transform", 0, number, 0)
-        assert left.value.code == 2
-        assert "--transform must be finite and within 1e+08 m" in capsys.readouterr().err
+        assert "--transform must be finite and within 1e+08 m" in usage_error(
+            run, "map", files / "map", "--truth", files / "map", "--transform", 0, number, 0
+        )

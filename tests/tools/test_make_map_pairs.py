@@ -27,11 +27,8 @@ from tools.map_pairs import load_pair
         (["-o", ""], "the name of a file is empty"),
     ],
 )
-def test_wrong_usage_is_exit_2_and_writes_nothing(tmp_path, capsys, arguments, message):
-    with pytest.raises(SystemExit) as left:
-        main(["-o", str(tmp_path / "out"), *arguments])
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
+def test_wrong_usage_is_exit_2_and_writes_nothing(tmp_path, usage_error, arguments, message):
+    assert message in usage_error(main, ["-o", str(tmp_path / "out"), *arguments])
     assert not (tmp_path / "out").exists()
 
 

@@ -76,11 +76,8 @@ def test_worlds_offered_are_worlds_built():
         (["--world", "castle"], "invalid choice: 'castle'"),
     ],
 )
-def test_wrong_usage_is_exit_2(tmp_path, capsys, arguments, message):
-    with pytest.raises(SystemExit) as left:
-        run("-o", tmp_path / "out", *arguments)
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
+def test_wrong_usage_is_exit_2(tmp_path, usage_error, arguments, message):
+    assert message in usage_error(run, "-o", tmp_path / "out", *arguments)
     assert not (tmp_path / "out").exists()
 
 

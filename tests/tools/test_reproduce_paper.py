@@ -87,8 +87,5 @@ def test_maps_without_truth_are_one_line_and_exit_1(tmp_path, capsys):
         (["--maps", ""], "the name of a file is empty"),
     ],
 )
-def test_wrong_usage_is_exit_2(tmp_path, capsys, arguments, message):
-    with pytest.raises(SystemExit) as left:
-        main([*arguments, "-o", str(tmp_path)])
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
+def test_wrong_usage_is_exit_2(tmp_path, usage_error, arguments, message):
+    assert message in usage_error(main, [*arguments, "-o", str(tmp_path)])

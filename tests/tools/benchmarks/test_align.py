@@ -75,11 +75,10 @@ def test_the_comparison_counts_what_each_method_got_right():
     assert rows[1] == ["two", "-", "-", "0/1", "-", "-", "-", "0/1", "0", "1 of 1", "1", "0.30", "0.30"]
 
 
-def test_methods_that_do_not_exist_are_wrong_usage(folder, capsys):
-    with pytest.raises(SystemExit) as stopped:
-        benchmark.main(["align", str(folder), "--method", "trehard,guess"])
-    assert stopped.value.code == 2
-    assert "--method: there is no 'guess'; there are correlation, features, birk-carpin" in capsys.readouterr().err
+def test_methods_that_do_not_exist_are_wrong_usage(folder, usage_error):
+    assert "--method: there is no 'guess'; there are correlation, features, birk-carpin" in usage_error(
+        benchmark.main, ["align", str(folder), "--method", "trehard,guess"]
+    )
 
 
 def test_a_folder_without_pairs_is_an_error(tmp_path, capsys):

@@ -48,11 +48,8 @@ def test_maps_of_a_building_are_merged_and_counted(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("size", ["1", "1x1", "axb", "-1x4", "9999x9999"])
-def test_a_size_that_means_nothing_is_wrong_usage(size, capsys):
-    with pytest.raises(SystemExit) as left:
-        main(["fleet", "--", size])
-    assert left.value.code == 2
-    assert "BUILDINGSxMAPS" in capsys.readouterr().err
+def test_a_size_that_means_nothing_is_wrong_usage(size, usage_error):
+    assert "BUILDINGSxMAPS" in usage_error(main, ["fleet", "--", size])
 
 
 BLUE, VERMILION = (178, 114, 0), (0, 94, 213)

@@ -32,8 +32,5 @@ def test_a_little_of_every_limit_is_driven(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("share", ["0", "1.5", "nan"])
-def test_a_share_that_means_nothing_is_wrong_usage(share, capsys):
-    with pytest.raises(SystemExit) as left:
-        main(["limits", "--share", share])
-    assert left.value.code == 2
-    assert "--share: must be a number within 0.0001 and 1" in capsys.readouterr().err
+def test_a_share_that_means_nothing_is_wrong_usage(share, usage_error):
+    assert "--share: must be a number within 0.0001 and 1" in usage_error(main, ["limits", "--share", share])

@@ -75,8 +75,7 @@ def test_a_recording_that_is_not_there_is_one_line(tmp_path, capsys):
     assert "none.bag" in error
 
 
-def test_less_than_two_robots_are_no_split(capsys):
-    with pytest.raises(SystemExit) as ended:
-        benchmark.main(["split", "x.bag", "--robots", "1,2"])
-    assert ended.value.code == 2
-    assert "--robots: must be a whole number within 2 and 10000, got '1'" in capsys.readouterr().err
+def test_less_than_two_robots_are_no_split(usage_error):
+    assert "--robots: must be a whole number within 2 and 10000, got '1'" in usage_error(
+        benchmark.main, ["split", "x.bag", "--robots", "1,2"]
+    )

@@ -111,11 +111,8 @@ def test_wrong_joins_are_listed_with_the_reason(monkeypatch, capsys):
         (("--sets", "2", "--json", "x.json"), "--json keeps pairs"),
     ],
 )
-def test_what_cannot_be_meant_is_wrong_usage(capsys, options, why):
-    with pytest.raises(SystemExit) as stopped:
-        main(["strangers", *options])
-    assert stopped.value.code == 2
-    assert why in capsys.readouterr().err
+def test_what_cannot_be_meant_is_wrong_usage(usage_error, options, why):
+    assert why in usage_error(main, ["strangers", *options])
 
 
 @pytest.mark.slow

@@ -134,15 +134,12 @@ def test_mapping_is_watched_into_a_file(bags, tmp_path):
     }
 
 
-def test_a_missing_viewer_is_one_line(bag, tmp_path, capsys, monkeypatch):
+def test_a_missing_viewer_is_one_line(bag, tmp_path, capsys, monkeypatch, usage_error):
     monkeypatch.setitem(sys.modules, "rerun", None)
     assert run(bag, "-o", tmp_path, "--viewer") == 1
     said = "build_maps: watching needs rerun-sdk, which is not installed: pip install 'tbmslam[viewer]'\n"
     assert capsys.readouterr().err == said
-    with pytest.raises(SystemExit) as stopped:
-        run("--viewer", bag, "-o", tmp_path)
-    assert stopped.value.code == 2
-    assert "--viewer: must end with .rrd, or be the last word" in capsys.readouterr().err
+    assert "--viewer: must end with .rrd, or be the last word" in usage_error(run, "--viewer", bag, "-o", tmp_path)
 
 
 def test_an_option_overrides_the_seed_of_a_configuration(bag, tmp_path):

@@ -40,14 +40,11 @@ from tools.mapping.run import OutputError
         (("a", "--config", ""), "the name of a file is empty: is a variable of the shell unset?"),
     ],
 )
-def test_wrong_usage_is_exit_2(capsys, tmp_path, monkeypatch, arguments, message):
+def test_wrong_usage_is_exit_2(usage_error, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     for name in "ab":
         (tmp_path / name).touch()
-    with pytest.raises(SystemExit) as left:
-        run(*arguments)
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
+    assert message in usage_error(run, *arguments)
 
 
 def errors(bag, tmp_path):

@@ -208,8 +208,5 @@ def test_workers_make_the_same_bytes(bags, mapped, tmp_path):
         (("--workers", "2", "--scheduler", "tcp://127.0.0.1:1"), "a --scheduler has its own workers: drop --workers"),
     ],
 )
-def test_wrong_numbers_of_workers(words, message, capsys):
-    with pytest.raises(SystemExit) as left:
-        run("x.bag", *words)
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
+def test_wrong_numbers_of_workers(words, message, usage_error):
+    assert message in usage_error(run, "x.bag", *words)

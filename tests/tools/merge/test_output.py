@@ -39,22 +39,20 @@ def test_the_picture_of_a_map_is_not_overwritten(folders, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("given", ["here", "here/map.npz", "here/map.yaml"])
-def test_a_merge_never_overwrites_its_maps(folders, capsys, given):
+def test_a_merge_never_overwrites_its_maps(folders, usage_error, given):
     before = (folders / "here" / "map.npz").read_bytes()
-    with pytest.raises(SystemExit) as stopped:
-        merge.main([str(folders / given), str(folders / "there"), "-o", str(folders / "here")])
-    assert stopped.value.code == 2
-    assert "holds one of the maps: choose another folder with -o" in capsys.readouterr().err
+    assert "holds one of the maps: choose another folder with -o" in usage_error(
+        merge.main, [str(folders / given), str(folders / "there"), "-o", str(folders / "here")]
+    )
     assert (folders / "here" / "map.npz").read_bytes() == before
 
 
-def test_a_merge_does_not_become_one_of_the_folder_of_maps_that_it_is_made_of(folders, tmp_path, capsys):
+def test_a_merge_does_not_become_one_of_the_folder_of_maps_that_it_is_made_of(folders, tmp_path, usage_error):
     for name in ("here", "there"):
         shutil.copytree(folders / name, tmp_path / name)
-    with pytest.raises(SystemExit) as stopped:
-        merge.main([str(tmp_path), "-o", str(tmp_path)])
-    assert stopped.value.code == 2
-    assert "holds one of the maps: choose another folder with -o" in capsys.readouterr().err
+    assert "holds one of the maps: choose another folder with -o" in usage_error(
+        merge.main, [str(tmp_path), "-o", str(tmp_path)]
+    )
     assert not (tmp_path / "map.npz").exists()
 
 
@@ -65,8 +63,7 @@ def test_a_merge_may_lie_beside_or_above_its_maps(folders, tmp_path):
     assert map_folder.load_map(tmp_path).grid.is_known().any()
 
 
-def test_nothing_is_written_into_a_folder_without_a_name(folders, capsys):
-    with pytest.raises(SystemExit) as stopped:
-        merge.main([str(folders / "here"), str(folders / "there"), "-o", ""])
-    assert stopped.value.code == 2
-    assert "is a variable of the shell unset?" in capsys.readouterr().err
+def test_nothing_is_written_into_a_folder_without_a_name(folders, usage_error):
+    assert "is a variable of the shell unset?" in usage_error(
+        merge.main, [str(folders / "here"), str(folders / "there"), "-o", ""]
+    )

@@ -31,17 +31,14 @@ from tools import merge
         (["one", "two"], "required: -o/--out"),
     ],
 )
-def test_wrong_usage_is_status_2(capsys, tmp_path, monkeypatch, arguments, message):
+def test_wrong_usage_is_status_2(usage_error, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     for name in ("one", "two"):
         (tmp_path / name).touch()
-    with pytest.raises(SystemExit) as stopped:
-        merge.main(arguments)
-    assert stopped.value.code == 2
-    assert message in capsys.readouterr().err
+    assert message in usage_error(merge.main, arguments)
 
 
-def test_a_folder_with_one_map_or_none_is_refused(tmp_path, capsys):
+def test_a_folder_with_one_map_or_none_is_refused(tmp_path, usage_error):
     for folder in ("empty", "single/robot_0"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "single" / "robot_0" / "map.npz").touch()
@@ -51,10 +48,7 @@ def test_a_folder_with_one_map_or_none_is_refused(tmp_path, capsys):
         ("single", "single is or holds only one: give their folders, such as out/robot_0 out/robot_1"),
         ("single/robot_0", "single/robot_0 is or holds only one"),
     ):
-        with pytest.raises(SystemExit) as stopped:
-            merge.main([str(tmp_path / name), "-o", str(tmp_path / "out")])
-        assert stopped.value.code == 2
-        assert message in capsys.readouterr().err
+        assert message in usage_error(merge.main, [str(tmp_path / name), "-o", str(tmp_path / "out")])
 
 
 def test_a_map_that_is_not_there_is_one_line_and_status_1(tmp_path, capsys):
@@ -113,21 +107,19 @@ def test_odd_sizes_and_names_are_one_line(folders, tmp_path, capsys, words, fact
     assert not (tmp_path / "out").exists()
 
 
-def test_links_in_a_circle_lead_nowhere(folders, tmp_path, capsys):
+def test_links_in_a_circle_lead_nowhere(folders, tmp_path, capsys, usage_error):
     loop = tmp_path / "loop"
     loop.symlink_to(loop)
     assert merge.main([str(folders / "here"), str(loop), "-o", str(tmp_path / "out")]) == 1
     assert re.match(r"merge: \S+: does not exist: give a map's folder or file\n$", capsys.readouterr().err)
     assert merge.main([str(folders / "here"), str(loop / "robot_0"), "-o", str(tmp_path / "out")]) == 1
     assert re.match(r"merge: \S+: does not exist: give a map's folder or file\n$", capsys.readouterr().err)
-    with pytest.raises(SystemExit) as stopped:
-        merge.main([str(folders / "here"), str(folders / "there"), "-o", str(loop / "out")])
-    assert stopped.value.code == 2
-    assert "the maps cannot be listed: Symlink loop" in capsys.readouterr().err
+    assert "the maps cannot be listed: Symlink loop" in usage_error(
+        merge.main, [str(folders / "here"), str(folders / "there"), "-o", str(loop / "out")]
+    )
 
 
-def test_an_empty_text_is_no_map(folders, tmp_path, capsys):
-    with pytest.raises(SystemExit) as stopped:
-        merge.main([str(folders / "here"), "", "-o", str(tmp_path / "out")])
-    assert stopped.value.code == 2
-    assert "the name of a file is empty" in capsys.readouterr().err
+def test_an_empty_text_is_no_map(folders, tmp_path, usage_error):
+    assert "the name of a file is empty" in usage_error(
+        merge.main, [str(folders / "here"), "", "-o", str(tmp_path / "out")]
+    )
