@@ -125,7 +125,7 @@ def _grid(path: Path, message: Any) -> TbmGrid:
     place, turn = info.origin.position, info.origin.orientation
     origin = SE3.from_values(place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
     if origin is None:
-        raise MapFileError(f"{path}: the origin of the map is no pose: record it again")
+        raise MapFileError(f"{path}: the origin of the map is no valid pose: record it again")
     corner = origin.planar()
     geometry = GridGeometry(float(info.resolution), corner.x, corner.y, int(info.height), int(info.width))
     check_geometry(path, geometry)

@@ -217,7 +217,7 @@ def _source(
         topic = topics.odometry[0]
         if topic in survey.pose_topics or not survey.no_motions[topic]:  # its first pose may come late
             return "topic"
-        fact = f"{files.paths[0]}: poses of {topic} are no poses (quaternions of zeros, or not a number)"
+        fact = f"{files.paths[0]}: {topic} holds no valid poses (quaternions of zeros, or not a number)"
         if options.odometry == "topic":
             raise DatasetError(f"{fact}: choose another with --odometry-topic, or pass --odometry none")
         logger.warning("%s; continuing without odometry", fact)

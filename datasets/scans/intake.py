@@ -35,9 +35,8 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
         return None
     if are_degrees(beams, angle_increment):
         turns = abs(angle_increment) * (beams - 1) / math.tau
-        return (
-            f"{beams} beams {abs(angle_increment):g} rad apart are stated, {turns:.0f} turns: they are read as degrees"
-        )
+        stated = f"the scans state {beams} beams {abs(angle_increment):g} rad apart, {turns:.0f} turns"
+        return f"{stated}: their angles are read as degrees"
     step = abs(math.degrees(angle_increment))
     fan = step * (beams - 1)
     if fan > _MORE_THAN_A_TURN_DEG:
@@ -48,7 +47,7 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
     for true_step in _ROUND_STEPS_DEG:
         if abs(fan - true_step * beams) < 0.02 * true_step:
             return (
-                f"{beams} beams {step:.4f} degrees apart are stated; real lasers have steps of {true_step:g} "
+                f"the scans state {beams} beams {step:.4f} degrees apart; real lasers have steps of {true_step:g} "
                 f"degrees: for a real laser pass --angle-step-deg {true_step:g}"
             )
     return None

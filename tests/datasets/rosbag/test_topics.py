@@ -211,9 +211,9 @@ def test_odometry_without_motion_is_reported_and_not_awaited(script, tmp_path, c
     readings = list(choose(bag))
     assert len(readings) == 60
     assert {reading.T_odom_robot for reading in readings} == {None}
-    assert "poses of /odom are no poses (quaternions of zeros, or not a number); continuing without" in caplog.text
+    assert "/odom holds no valid poses (quaternions of zeros, or not a number); continuing without" in caplog.text
     with pytest.raises(
-        DatasetError, match=r"/odom are no poses .*: choose another with --odometry-topic, or pass --od"
+        DatasetError, match=r"/odom holds no valid poses .*: choose another with --odometry-topic, or pass --od"
     ):
         choose(bag, odometry="topic")
 

@@ -175,7 +175,9 @@ def test_degrees_are_distinguished_from_radians(beams, step):
 
 
 def test_degrees_cause_a_warning():
-    assert angle_warning(361, 0.5) == "361 beams 0.5 rad apart are stated, 29 turns: they are read as degrees"
+    assert (
+        angle_warning(361, 0.5) == "the scans state 361 beams 0.5 rad apart, 29 turns: their angles are read as degrees"
+    )
 
 
 def test_more_than_a_full_turn_causes_a_warning():
