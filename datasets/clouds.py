@@ -34,7 +34,6 @@ class PointCloud(NamedTuple):
     """The points of one message."""
 
     frame: str
-    """The sensor's frame."""
     stamp: float
     """Stamp of the message [s]; 0 or less is unset."""
     points: FloatArray
@@ -119,7 +118,6 @@ class CloudSlice:
     angle_step: float = math.radians(1.0)
     """Direction of the first beam and angle to the next, at the sensor and relative to the robot's axes [rad]."""
     beams: int = 360
-    """Number of beams."""
     time_step: float = 0.0
     """Time between two beams [s]; 0 if unknown or if all are measured at once."""
 

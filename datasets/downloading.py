@@ -211,7 +211,6 @@ class KnownRecording:
     truth: str
     """Address of its ground truth, if that is not among its files."""
     about: str
-    """A short description."""
     megabytes: float | None
     """Reported size [MB]; None if unknown."""
     sha256: Mapping[str, str]

@@ -29,9 +29,7 @@ class OptimisedDrive(NamedTuple):
     chain: MotionChain
     """The motions as a part of a pose graph."""
     closures: list[MotionEdge]
-    """The loop closures."""
     hits: ScanHits
-    """Hits of the keyframes."""
 
     def closed_pairs(self) -> npt.NDArray[np.int64]:
         """Return the keyframes (C, 2) between which loops were closed."""

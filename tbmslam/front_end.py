@@ -29,7 +29,6 @@ class Placement(NamedTuple):
     """A reading with its pose."""
 
     reading: Reading
-    """The measured scan."""
     scan: LaserScan
     """Its scan, without the motion of the robot while the laser turned."""
     prior: PosePrior

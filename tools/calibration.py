@@ -37,7 +37,6 @@ class Judgement:
     """The best pose of a pair by a model."""
 
     name: str
-    """The pair."""
     confidence: float
     """Confidence of the most probable pose; 0 without a pose."""
     right: bool
@@ -136,7 +135,6 @@ class Trial:
     """The evidence for the poses of one pair, and the truth."""
 
     name: str
-    """The pair."""
     candidates: Sequence[Evidence]
     decoys: Sequence[Evidence]
     """Evidence for each candidate pose (K,), and for poses of the mirror image."""

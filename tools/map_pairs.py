@@ -46,7 +46,6 @@ class KnownPair:
     """Two maps and the truth about them."""
 
     name: str
-    """The file's name without its suffix."""
     target: TbmMap
     source: TbmMap
     """The maps."""

@@ -32,11 +32,8 @@ class Edge:
     child: str
     """Names of the frames."""
     static: bool
-    """Whether its topic is static."""
     first: SE3
-    """The first transform seen."""
     count: int = 0
-    """Number of transforms seen."""
     moves: bool = False
     """Whether any transform differed from the first."""
     lags: list[float] = field(default_factory=list)

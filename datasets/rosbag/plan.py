@@ -38,7 +38,6 @@ class Plan:
     options: RecordingOptions
     topics: ChosenTopics
     laser: SurveyedLaser
-    """The bag, its options, topics and laser."""
     source: str
     """"tf", "topic" or "none"."""
     frames: Frames | None

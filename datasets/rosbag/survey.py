@@ -28,13 +28,9 @@ class SurveyedLaser:
     """Facts from the first scans of a laser."""
 
     frame: str
-    """Its frame."""
     first_scan: RawScan
-    """The first of its scans."""
     options: RecordingOptions
-    """Options of the recording."""
     scans: int = 0
-    """Number of scans read."""
     usable: int = 0
     """Number of scans with hits within the limits."""
     ranges: list[npt.NDArray[np.floating]] = field(default_factory=list)
@@ -132,7 +128,6 @@ class Survey:
     """Facts from the first messages."""
 
     options: RecordingOptions
-    """Options of the recording."""
     graph: FrameGraph = field(default_factory=FrameGraph)
     pose_topics: dict[str, PoseTopic] = field(default_factory=dict)
     no_motions: Counter[str] = field(default_factory=Counter)

@@ -46,7 +46,6 @@ class SalvagedBag:
     """The readable messages of a damaged bag."""
 
     path: Path
-    """The file."""
     reason: str
     """The damage."""
     connections: list[BagConnection]
@@ -115,7 +114,6 @@ class BagAnnouncement:
     """Files and messages by the description of a ROS 2 bag."""
 
     files: tuple[str, ...] = ()
-    """Names of the storage files."""
     messages: dict[str, int] = field(default_factory=dict)
     """Number of messages of each topic."""
     start: float = 0.0

@@ -27,7 +27,6 @@ class PlacedGrid:
     """A grid that is resampled on the cells of another frame, some rows at a time."""
 
     grid: TbmGrid
-    """The source grid."""
     T_target_source: SE2
     """Pose of the source's frame in the target's frame."""
     geometry: GridGeometry

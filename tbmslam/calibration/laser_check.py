@@ -151,7 +151,6 @@ class LaserErrors(NamedTuple):
     scale: float
     """Relative error of the angle step: the true step is larger by this share."""
     scale_deviation: float
-    """Standard deviation of `scale`."""
     offset: float
     """The correction to add to every range [m]."""
     offset_deviation: float

@@ -163,7 +163,6 @@ class ErrorStatistics:
     """Statistics of absolute errors, in their unit."""
 
     rmse: float
-    """Root mean square."""
     mean: float
     standard_deviation: float
     median: float

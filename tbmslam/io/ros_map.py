@@ -39,7 +39,6 @@ class RosMapHeader:
     """The content of a map's yaml file."""
 
     image: Path
-    """Path of the picture."""
     resolution: float
     """Side of a pixel [m]."""
     T_map_image: SE2

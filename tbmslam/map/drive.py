@@ -54,7 +54,6 @@ class Drive:
     """The drive of a robot through the map."""
 
     name: str
-    """Name of the robot."""
     trajectory: Trajectory
     """Poses of the robot in the map, one for every scan that was used."""
     keyframes: Keyframes

@@ -23,7 +23,6 @@ class TbmMap:
     """A map with a drive of a robot, with several drives after a merge, or with none if it was a picture."""
 
     grid: TbmGrid
-    """The cells' masses."""
     drives: tuple[Drive, ...] = ()
     """The drives of the map, in its frame."""
     provenance: Mapping[str, object] = field(default_factory=dict)

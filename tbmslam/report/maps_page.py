@@ -63,7 +63,6 @@ class MappedRobot:
     """A map and the run that made it."""
 
     tbm_map: TbmMap
-    """The map."""
     run: Mapping[str, object] = field(default_factory=dict)
     """The content of run.json: recording, counts, warnings, versions, config, result."""
 

@@ -22,11 +22,9 @@ class Table:
     """A table of text."""
 
     title: str
-    """The heading."""
     heads: Sequence[str]
     """Names of the columns. Columns of numbers begin with #."""
     rows: Sequence[Sequence[str]]
-    """The cells of each row."""
     note: str = ""
     """A remark below the table."""
     colours: Sequence[str] = ()
@@ -59,9 +57,7 @@ class Card:
     reason: str
     """The reason, one sentence."""
     figures: Mapping[str, str] = field(default_factory=dict)
-    """Numbers, by name."""
     pictures: Sequence[Picture] = ()
-    """Pictures of the evidence."""
     copied: str = ""
     """The text that a button copies, such as a pose; no button if empty."""
 
@@ -78,11 +74,9 @@ class Page:
     figures: Mapping[str, str] = field(default_factory=dict)
     """The most important numbers, by name."""
     sheets: Sequence[Sheet] = ()
-    """The maps."""
     warnings: Sequence[str] = ()
     """Possible problems of the data or the result, one sentence each."""
     tables: Sequence[Table] = ()
-    """Tables of figures."""
     downloads: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Addresses of files beside the page, by the name of the robot."""
     cards: Sequence[Card] = ()
@@ -92,11 +86,9 @@ class Page:
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Duration of each step [s]."""
     command: str = ""
-    """The command line."""
     versions: Mapping[str, str] = field(default_factory=dict)
     """Versions of the program and its dependencies."""
     config: Mapping[str, object] = field(default_factory=dict)
-    """All parameters; may be nested."""
     defaults: Mapping[str, object] = field(default_factory=dict)
     """The default parameters. Parameters with other values are marked; none are marked if this is empty."""
 
@@ -161,7 +153,6 @@ class RunInfo:
     """The run of a program, for its report."""
 
     command: str = ""
-    """The command line."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Duration of each step [s]."""
     defaults: Mapping[str, object] = field(default_factory=dict)

@@ -148,9 +148,7 @@ class Switch:
     only_one: bool = False
     """Whether at most one layer of the group is shown at a time."""
     shown: bool = False
-    """Whether the layer is shown at first."""
     note: str = ""
-    """The explanation of the layer."""
 
     def as_json(self) -> dict[str, object]:
         """Return the JSON for the page's script."""
@@ -162,17 +160,13 @@ class Raster:
     """A picture of cells."""
 
     switch: Switch
-    """The switch of the layer."""
     geometry: GridGeometry
-    """The geometry of the cells."""
     levels: Levels
     """A level of the palette for every cell (rows, cols); the first row has the smallest y."""
     palette: Palette
-    """The colours."""
     unit: float | None = None
     """The value of one level, which the page shows at the cursor; None to show no value."""
     opacity: float = 1.0
-    """The opacity of the layer."""
 
     def as_json(self) -> dict[str, object]:
         """Return the JSON for the page's script, with the picture as a data URL."""
@@ -194,7 +188,6 @@ class Marks:
     """Points in one colour."""
 
     switch: Switch
-    """The switch of the layer."""
     kind: Kind
     """A `line` through all points, `dots`, or `links` between the first and the second, the third and the fourth,
     ..."""
@@ -222,13 +215,10 @@ class Sheet:
     """A map with its layers."""
 
     title: str
-    """The name of the map."""
     layers: tuple[Raster | Marks, ...] = field(default_factory=tuple)
     """The layers, the lowest first."""
     note: str = ""
-    """A remark, one sentence."""
     tracks: tuple[DriveTrack, ...] = ()
-    """The drives over time."""
 
     def as_json(self) -> dict[str, object]:
         """Return the JSON for the page's script."""

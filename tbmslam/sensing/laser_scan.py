@@ -112,7 +112,6 @@ class Reading:
     """A scan and the odometry at its stamp."""
 
     scan: LaserScan
-    """The scan."""
     T_odom_robot: SE2 | None
     """Pose of the robot in its odometry frame at the scan's stamp; None if there is no odometry."""
     T_robot_sensor: SE2 = field(default_factory=SE2.identity)

@@ -44,7 +44,6 @@ class PairResult:
     """The result of one pair."""
 
     name: str
-    """The pair."""
     overlap: int | None
     """Overlap in percent; None if the maps show different places."""
     accepted: bool

@@ -47,7 +47,6 @@ class Perturbation:
     """A perturbation of a recording or of a parameter."""
 
     name: str
-    """The name in the table."""
     change: Change = iter
     """Perturbs the readings; may be pickled."""
     setting: str | None = None
@@ -218,7 +217,6 @@ class Score:
     """The error of a perturbed run."""
 
     perturbation: str
-    """Name of the perturbation."""
     error_m: float | None
     error_deg: float | None
     """Errors of all scored relations or poses; None if there are none."""

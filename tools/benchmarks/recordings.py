@@ -28,9 +28,7 @@ class RecordingSpec:
     """A recording to open."""
 
     path: Path
-    """The bag or log."""
     options: "RecordingOptions"
-    """The options of reading."""
 
 
 class _RaisingParser(argparse.ArgumentParser):
@@ -80,7 +78,6 @@ class SimulatedRecording:
     """A simulated drive."""
 
     kind: str
-    """Kind of building."""
     seed: int
     """Seed of the building, the drive and all noise."""
     odometry: str

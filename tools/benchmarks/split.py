@@ -58,7 +58,6 @@ class SplitRun:
     robots: int
     """The name, and the number of robots."""
     merged: tuple[str, ...]
-    """The merged robots."""
     left_out: Mapping[str, str]
     """The other robots, with the reasons."""
     pairs: tuple[tuple[str, str, float, tuple[float, float] | None], ...]

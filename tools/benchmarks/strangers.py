@@ -235,7 +235,6 @@ class StrangerSet:
     kind: str
     """One of `SET_KINDS`."""
     number: int
-    """Number of the set."""
     accepted: tuple[Pair, ...]
     """Pairs that were accepted wrongly."""
     joined: tuple[Pair, ...]

@@ -44,19 +44,16 @@ class MappingTask:
     """A robot to map."""
 
     name: str
-    """Name of the robot."""
     paths: tuple[Path, ...]
     """Files of its recording."""
     files: tuple[Mapping[str, str | int], ...]
     """Name, size and digest of each file."""
     config: Configuration
-    """All parameters."""
     share: Mapping[str, object] | None
     """Choice of its part of the recording for JSON; None for the whole recording."""
     T_own_start: SE2 | None
     """Initial pose in its frame; None for that of the odometry."""
     folder: Path
-    """Folder of the map."""
     segment: Segment | None = None
     counts: ReadingCounts | None = None
     """Its part, and the counts of a pass over the whole recording; None for the whole recording."""
@@ -89,7 +86,6 @@ class Mapped:
     run: Mapping[str, object]
     """The content of run.json."""
     summary: str = ""
-    """Summary of the readings."""
     seconds: float | None = None
     """Wall time; None if it was finished before."""
     tbm_map: TbmMap | None = None

@@ -28,7 +28,6 @@ class TruthFile:
     poses: Mapping[str, SE2]
     """T_reference_map of each robot."""
     source: str
-    """Kind of the reference."""
     warnings: tuple[Mapping[str, object], ...] = ()
     """Incidents of the reference by time: `at_s` since the begin of the recording [s], `what` and more."""
 

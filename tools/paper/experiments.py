@@ -118,7 +118,6 @@ class PaperSettings:
     areas_m2: tuple[float, ...] = (4125.0, 4900.0, 5625.0, 8700.0, 12100.0, 13200.0)
     """Areas of table IV for which pairs are cut from a building [m^2]."""
     repeats: int = 10
-    """Timed runs of each pair."""
 
     @property
     def features(self) -> FeatureConfig:

@@ -27,7 +27,6 @@ class ClearanceMap:
     """Distance to the nearest wall on a grid."""
 
     geometry: GridGeometry
-    """The grid's cells."""
     clearance: FloatArray
     """Distances (rows, cols) [m]; 0 outside of the world."""
 

@@ -44,7 +44,6 @@ class SimulatedLaser:
     wrong_returns: float = 0.001
     """Share of the beams that end at random before the wall."""
     T_robot_sensor: SE2 = STATA_MOUNT
-    """Mount of the laser."""
     upside_down: bool = False
     """Whether it is upside down, so that its beams are in clockwise order seen from above."""
     sweep: float = 0.0

@@ -107,7 +107,6 @@ class SimulatedRobot:
     name: str
     """`robot_K`."""
     laser: SimulatedLaser
-    """Its laser."""
     readings: tuple[Reading, ...] = field(repr=False)
     """Scans with odometry at their stamps, as a reader of its bag finds them."""
     odometry: Trajectory
@@ -240,11 +239,8 @@ class EndlessDrive:
     length: float
     """Length of the drive [m]."""
     laser: SimulatedLaser
-    """The simulated laser."""
     odometry: OdometryNoise
-    """Noise of the odometry."""
     seed: int = 0
-    """Seed of the building, the drive and all noise."""
 
     def __post_init__(self) -> None:
         """Check the route and its length."""

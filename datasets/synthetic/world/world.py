@@ -32,7 +32,6 @@ class World:
 
     name: str
     seed: int
-    """Name and seed of the building."""
     walls: FloatArray
     """Segments (N, 4): x0, y0, x1, y1 [m], surfaces of walls and furniture."""
     places: FloatArray
@@ -155,7 +154,6 @@ class CorridorLattice:
     """Corridors with centre lines at the multiples of a pitch in x and in y."""
 
     seed: int = 0
-    """Seed of the building."""
     pitch: float = 20.0
     """Distance between corridors [m]."""
     width: float = 2.4

@@ -183,4 +183,4 @@ def test_degrees_cause_a_warning():
 def test_more_than_a_full_turn_causes_a_warning():
     warning = angle_warning(360, math.radians(1.03))
     assert warning is not None
-    assert warning.endswith("more than a turn: if they span one turn, pass --angle-step-deg 1")
+    assert warning.endswith("more than a turn: if these span one turn, pass --angle-step-deg 1")
