@@ -11,7 +11,6 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
 
 import argparse
 import sys
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +21,7 @@ from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
     from merging.config import MergeConfig
-    from tbmslam.parallel.worker_pool import WorkerPool
+    from tbmslam.parallel.executor import Executor
     from tools.calibration import Trial
 
 EXAMPLES = """examples:
@@ -39,6 +38,8 @@ SIMULATED = 0.3
 
 STRANGERS_SEED = 1
 """Seed of `benchmark strangers` that the fit uses, and that cannot test the model."""
+_CHUNK = 24
+"""Number of strangers that a process takes at a time; many of them share a building."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -60,7 +61,7 @@ def _parser() -> ProgramParser:
     )  # fmt: skip
     grammar.add_argument(
         "--strangers", type=int, default=0, metavar="N",
-        help=f"N more pairs to fit on, of `benchmark strangers --seed {STRANGERS_SEED}`; each counts as much",
+        help=f"N pairs of `benchmark strangers --seed {STRANGERS_SEED}` to fit on; each counts for {SIMULATED:g}",
     )  # fmt: skip
     grammar.add_argument(
         "--ask", nargs="*", type=path_argument, default=[], metavar="FOLDER", help="pairs to evaluate only"
@@ -77,19 +78,18 @@ def _parser() -> ProgramParser:
 def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
     from tbmslam.io.atomic_file import write_bytes, write_text
-    from tbmslam.parallel.worker_pool import worker_pool
+    from tbmslam.parallel.executor import Executor
     from tools.calibration import BINS, acceptance_table, calibration_table, draw_calibration, fit_model, held_out
 
-    config = MergeConfig()
-    with worker_pool(args.workers) as pool:
-        by_folder = {folder: trials_of(folder, config, pool) for folder in args.pairs}
-        by_folder |= {folder: trials_of(folder, config, pool, SIMULATED) for folder in args.simulated}
-        by_folder |= {folder: trials_of(folder, config, pool, SIMULATED, bent=True) for folder in args.bent}
-        if args.strangers:
-            by_folder[Path("strangers")] = strangers(args.strangers, config, pool)
-        asked = {folder: trials_of(folder, config, pool) for folder in args.ask}
-        trials = [trial for folder in by_folder.values() for trial in folder]
-        judged = held_out(trials, pool)
+    config, executor = MergeConfig(), Executor(args.workers)
+    by_folder = {folder: trials_of(folder, config, executor) for folder in args.pairs}
+    by_folder |= {folder: trials_of(folder, config, executor, SIMULATED) for folder in args.simulated}
+    by_folder |= {folder: trials_of(folder, config, executor, SIMULATED, bent=True) for folder in args.bent}
+    if args.strangers:
+        by_folder[Path("strangers")] = strangers(args.strangers, config, executor)
+    asked = {folder: trials_of(folder, config, executor) for folder in args.ask}
+    trials = [trial for folder in by_folder.values() for trial in folder]
+    judged = held_out(trials, executor)
     in_order = iter(judged)
     for folder, its in by_folder.items():
         print(
@@ -107,19 +107,20 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def trials_of(
-    folder: Path, config: "MergeConfig", pool: "WorkerPool", weight: float = 1.0, *, bent: bool = False
+    folder: Path, config: "MergeConfig", executor: "Executor", weight: float = 1.0, *, bent: bool = False
 ) -> "list[Trial]":
     """Return the trials of all pairs in a folder with their weights; `bent` deforms one map of each pair."""
+    from tbmslam.parallel.executor import Call
     from tools.map_pairs import PairFileError
 
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise PairFileError(f"{folder}: no .npz pair of maps there")
-    trials = pool.map(partial(_trial_of, config=config, weight=weight, bent=bent), paths)
-    return [trial for trial in trials if trial is not None]
+    calls = [Call(str(path), _trial_of, (path, config, weight, bent)) for path in paths]
+    return [trial for trial in executor.results(calls) if trial is not None]
 
 
-def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -> "Trial | None":
+def _trial_of(path: Path, config: "MergeConfig", weight: float, bent: bool) -> "Trial | None":
     from tools.calibration import Trial
     from tools.map_pairs import load_pair, shows_part
 
@@ -128,11 +129,17 @@ def _trial_of(path: Path, config: "MergeConfig", weight: float, *, bent: bool) -
     return of(pair, config, weight if shows_part(pair.name) else WHOLE * weight)
 
 
-def strangers(count: int, config: "MergeConfig", pool: "WorkerPool") -> "list[Trial]":
+def strangers(count: int, config: "MergeConfig", executor: "Executor") -> "list[Trial]":
     """Return the trials of simulated pairs of different places."""
-    near = 24  # many of these share a building
-    found = pool.map(partial(_stranger, config=config), range(count), chunksize=near)
-    return [pair for pair in found if pair is not None]
+    from tbmslam.parallel.executor import Call
+
+    chunks = [range(first, min(first + _CHUNK, count)) for first in range(0, count, _CHUNK)]
+    found = executor.results([Call(f"from {chunk[0]}", _strangers, (chunk, config)) for chunk in chunks])
+    return [pair for pairs in found for pair in pairs if pair is not None]
+
+
+def _strangers(numbers: range, config: "MergeConfig") -> "list[Trial | None]":
+    return [_stranger(number, config) for number in numbers]
 
 
 def _stranger(number: int, config: "MergeConfig") -> "Trial | None":

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -23,6 +22,7 @@ from merging.verification import Evidence
 from merging.walls import WallMap, without_walls
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.io.pictures import encode_png
+from tbmslam.parallel.executor import Call, Executor
 from tools.command_line.text_table import text_table
 from tools.map_pairs import KnownPair, floors_of
 
@@ -224,12 +224,13 @@ def _surprise(trial: Trial, model: ConfidenceModel) -> tuple[float, FloatArray]:
     return -float(np.log(likely)), np.concatenate(([change.sum()], change @ own_features, change @ beyond))
 
 
-def held_out(trials: Sequence[Trial], pool: Executor) -> list[Judgement]:
+def held_out(trials: Sequence[Trial], executor: Executor) -> list[Judgement]:
     """Return the best pose of each pair by a model that was fitted without its building, or the first of two."""
     shown = floors_of(item.name for item in trials)
     floors = sorted({floor for some in shown.values() for floor in some})
     parts = [set(floors[part::_MOST_PARTS]) for part in range(min(_MOST_PARTS, len(floors)))]
-    models = list(pool.map(fit_model, ([item for item in trials if not shown[item.name] & part] for part in parts)))
+    used = [[item for item in trials if not shown[item.name] & part] for part in parts]
+    models = executor.results([Call(str(number), fit_model, (some,)) for number, some in enumerate(used)])
     judged = []
     for item in trials:
         first = min(shown[item.name], default=floors[0])

@@ -1,4 +1,3 @@
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +9,7 @@ from merging.scoring import FEATURES, MEASURES, SIGNS, ConfidenceModel
 from merging.verification import Evidence, Pieces
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Executor
 from tests.merging.bent_floor import bent_maps
 from tools.calibration import Judgement, Trial, _surprise, acceptance_table, calibration_table, fit_model, held_out
 from tools.map_pairs import KnownPair
@@ -22,8 +22,7 @@ CHANCE = Evidence(
 
 
 def left_out(trials):
-    with ThreadPoolExecutor(2) as pool:
-        return held_out(trials, pool)
+    return held_out(trials, Executor())
 
 
 def place(rng, *, true):

@@ -40,7 +40,7 @@ from merging.map_graph.grouping import groups_of
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
 from tbmslam.parallel.cluster import code_digest
-from tbmslam.parallel.worker_pool import worker_pool
+from tbmslam.parallel.executor import Call, Executor
 from tbmslam.special_file import why_unreadable
 from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
 from tools.map_pairs import KnownPair, joined_pairs, known_pair, maps_by_name, shuffled
@@ -156,12 +156,17 @@ def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[s
 
 
 def _met(meeting: Callable[..., _T], tasks: Sequence[tuple[object, ...]], workers: int, chunksize: int) -> Iterator[_T]:
-    """Yield the result of a meeting for each task, in this process or in several."""
-    if workers == 1 or not tasks:
-        yield from (meeting(*task) for task in tasks)
-        return
-    with worker_pool(workers) as pool:
-        yield from pool.map(meeting, *zip(*tasks, strict=True), chunksize=chunksize)
+    """Yield the result of a meeting for each task, in this process or in several; a process gets chunks of tasks."""
+    size = chunksize if workers > 1 else 1
+    chunks = [tasks[first : first + size] for first in range(0, len(tasks), size)]
+    for outcome in Executor(workers).outcomes([Call(f"{chunk[0]}", _all_of, (meeting, chunk)) for chunk in chunks]):
+        if isinstance(outcome, TbmSlamError):
+            raise outcome
+        yield from outcome
+
+
+def _all_of(meeting: Callable[..., _T], tasks: Sequence[tuple[object, ...]]) -> list[_T]:
+    return [meeting(*task) for task in tasks]
 
 
 def _pair(kind: str, index: int, seed: int) -> MapPair:
