@@ -1,7 +1,6 @@
 """Beams blocked by something on the robot: they end at the same near distance wherever the robot drives and turns."""
 
 import math
-from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -23,7 +22,6 @@ class _Span(NamedTuple):
     begin: float
     until: float
     beams: npt.NDArray[np.int64]
-    farthest: FloatArray
 
 
 class BlockedSpans:
@@ -31,21 +29,18 @@ class BlockedSpans:
 
     def __init__(self) -> None:
         self._ended: list[_Span] = []
-        self._latest: dict[tuple[bytes, bytes], int] = {}  # the last span of the same beams, as near
-        self._timetable: _Timetable | None = None  # of the ended spans, made on demand
+        self._latest: dict[bytes, int] = {}  # the last span of the same beams
+        self._times: FloatArray | None = None  # begin and end (S, 2) of the ended spans, made on demand
 
     def __len__(self) -> int:
         """Return the number of spans that ended; overlapping spans of the same beams are one."""
         return len(self._ended)
 
-    def end(self, beams: _Beams, since: FloatArray, farthest: FloatArray, stamp: float) -> None:
-        """Note that beams (B,) are no longer blocked at a stamp [s].
-
-        They were blocked since stamps `since` (B,) [s], with largest ranges `farthest` (B,) [m].
-        """
-        for span in _spans(beams, since, farthest, stamp):
-            self._timetable = None
-            same = span.beams.tobytes(), span.farthest.tobytes()
+    def end(self, beams: _Beams, since: FloatArray, stamp: float) -> None:
+        """Note that beams (B,) are no longer blocked at a stamp [s]; they were blocked since stamps (B,) [s]."""
+        for span in _spans(beams, since, stamp):
+            self._times = None
+            same = span.beams.tobytes()
             number = self._latest.get(same, -1)
             last = self._ended[number] if number >= 0 else None
             if last is not None and span.begin <= last.until and last.begin <= span.until:
@@ -59,40 +54,22 @@ class BlockedSpans:
         """Return whether any span has ended."""
         return bool(self._ended)
 
-    def cleared(self, scan: LaserScan, beams: _Beams, since: FloatArray, farthest: FloatArray) -> LaserScan:
+    def cleared(self, scan: LaserScan, beams: _Beams, since: FloatArray) -> LaserScan:
         """Return a scan without the beams that were blocked at its time; the given ones (B,) still are, as in `end`."""
+        if self._times is None:
+            self._times = np.array([span[:2] for span in self._ended], dtype=np.float64).reshape(-1, 2)
+        at = np.flatnonzero((self._times[:, 0] <= scan.stamp) & (scan.stamp < self._times[:, 1]))
+        still = (span for span in _spans(beams, since, math.inf) if span.begin <= scan.stamp)
         hidden = np.zeros(len(scan.ranges), dtype=np.bool_)
-        if self._timetable is None:
-            self._timetable = _Timetable(self._ended)
-        still = (span for span in _spans(beams, since, farthest, math.inf) if span.begin <= scan.stamp)
-        for span in (*self._timetable.at(scan.stamp), *still):
+        for span in (*(self._ended[number] for number in at.tolist()), *still):
             if span.beams[-1] < len(hidden):  # they rise
-                hidden[span.beams] |= scan.ranges[span.beams] <= span.farthest
+                hidden[span.beams] = True
         return scan.with_ranges(np.where(hidden, np.nan, scan.ranges)) if hidden.any() else scan
 
 
-class _Timetable:
-    """Spans sorted by their ends, to find the spans at a time quickly."""
-
-    def __init__(self, spans: Sequence[_Span]) -> None:
-        self._spans = sorted(spans, key=lambda span: span.until)
-        self._untils = np.array([span.until for span in self._spans], dtype=np.float64)
-        self._begins = np.array([span.begin for span in self._spans], dtype=np.float64)
-        # When the first of each and all later ones began.
-        self._earliest = np.minimum.accumulate(self._begins[::-1])[::-1]
-
-    def at(self, stamp: float) -> list[_Span]:
-        """Return the spans that contain a stamp [s]."""
-        first = int(np.searchsorted(self._untils, stamp, side="right"))
-        last = int(np.searchsorted(self._earliest, stamp, side="right"))
-        begun = np.flatnonzero(self._begins[first:last] <= stamp)
-        return [self._spans[first + number] for number in begun.tolist()]
-
-
-def _spans(beams: _Beams, since: FloatArray, farthest: FloatArray, until: float) -> list[_Span]:
+def _spans(beams: _Beams, since: FloatArray, until: float) -> list[_Span]:
     """Return the spans of blocked beams (B,), one for each time at which beams became blocked."""
-    groups = [(float(stamp), np.flatnonzero(beams & (since == stamp))) for stamp in np.unique(since[beams])]
-    return [_Span(stamp, until, group, farthest[group]) for stamp, group in groups]
+    return [_Span(float(stamp), until, np.flatnonzero(beams & (since == stamp))) for stamp in np.unique(since[beams])]
 
 
 def directions(scan: LaserScan, beams: _Beams) -> str:
@@ -166,7 +143,7 @@ class BlockedBeams:
     def learn(self, scan: LaserScan, T_odom_robot: SE2) -> bool:
         """Learn from a scan, and return whether further beams are blocked."""
         if len(scan.ranges) != len(self.blocked):
-            self._spans.end(self.blocked, self.since, self._anywhere(), scan.stamp)
+            self._spans.end(self.blocked, self.since, scan.stamp)
             self._forget(len(scan.ranges))
             self._last = None
         last = self._last or T_odom_robot
@@ -193,14 +170,14 @@ class BlockedBeams:
 
     def cleared(self, scan: LaserScan) -> LaserScan:
         """Return an earlier scan without the beams that were blocked at its time."""
-        return self._spans.cleared(scan, self.blocked, self.since, self._anywhere())
+        return self._spans.cleared(scan, self.blocked, self.since)
 
     def _follow(self, scan: LaserScan, distance: float, turn: float) -> bool:
         config, ranges = self._config, scan.ranges
         self._distance, self._turn = self._distance + distance, self._turn + turn
         if self.any_blocked:
             ends = np.isfinite(ranges) & ~(np.abs(ranges - self._state[0]) <= config.spread)
-            self._spans.end(ends & self.blocked, self.since, self._anywhere(), scan.stamp)
+            self._spans.end(ends & self.blocked, self.since, scan.stamp)
         here = scan.stamp, self._distance, self._turn, distance
         blocked, suspected, any_blocked, any_suspected = follow_beams(
             self._state, ranges, here, self._limits, config.fewest
@@ -210,10 +187,6 @@ class BlockedBeams:
         self._hidden = blocked | suspected if self._hides else blocked
         self.blocked, self.any_blocked = blocked, any_blocked
         return more
-
-    def _anywhere(self) -> FloatArray:
-        """Return the largest range (B,) that is removed from blocked beams [m]: all of them."""
-        return np.full(len(self.blocked), np.inf)
 
 
 _LATELY_S = 60.0  # beams that were blocked so lately are no news
