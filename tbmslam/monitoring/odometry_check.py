@@ -153,7 +153,7 @@ ELSEWHERE = (
 
 
 class Contradictions:
-    """Follows the trust in the odometry from scan to scan."""
+    """Follows the trust in the odometry from scan to scan; only this notices a laser that repeats one scan."""
 
     def __init__(self) -> None:
         self._last, self._since = -math.inf, math.inf
