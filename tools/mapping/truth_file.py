@@ -55,5 +55,5 @@ def read_truth_file(path: Path) -> TruthFile:
         return TruthFile(poses, source, warnings)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise TruthFileError(
-            f"{path} does not state the poses of maps ({error!r}): run build_maps with --reference or --robots"
+            f"{path} does not state the poses of maps ({error!r}): make them with build_maps --reference or --robots"
         ) from None
