@@ -16,13 +16,18 @@ def planar(translation: Any, rotation: Any) -> SE2:
     return SE2(translation.x, translation.y, heading)
 
 
+def stamp_of(message: Any) -> float:
+    """Return the time of a message with a header [s]."""
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
 def scan_of(message: Any) -> LaserScan:
     """Return a sensor_msgs/LaserScan as tbmslam takes it: what is out of limits is no return."""
     ranges = np.asarray(message.ranges, dtype=np.float64)
     ranges = np.where(ranges >= message.range_max, np.inf, ranges)
     ranges[~(ranges >= message.range_min)] = np.nan
-    stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-    return LaserScan(stamp, message.angle_min, message.angle_increment, message.range_min, message.range_max, ranges)
+    angles = message.angle_min, message.angle_increment
+    return LaserScan(stamp_of(message), *angles, message.range_min, message.range_max, ranges)
 
 
 @dataclass(frozen=True)

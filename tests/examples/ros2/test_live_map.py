@@ -15,7 +15,7 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 from tbmslam import load_map
 
-PACKAGE = Path(__file__).parents[2] / "examples" / "ros2" / "tbmslam_ros" / "tbmslam_ros"
+PACKAGE = Path(__file__).parents[3] / "examples" / "ros2" / "tbmslam_ros" / "tbmslam_ros"
 
 
 @pytest.fixture(scope="module")
