@@ -32,13 +32,13 @@ PAIR_METHODS = (*METHODS, "howard")
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset all
-      two recordings, one with an option of build_maps; errors against .relations or .truth.tum beside them
+      two recordings, one with an option of `tbmslam map`; errors against .relations or .truth.tum beside them
   python tools/%(prog)s.py slam --world office:1:good --world office:1:poor,beams=361 --repeat 3 --json figures.json
-      simulated drives (kind:seed:odometry and options of make_world), medians of three runs
+      simulated drives (kind:seed:odometry and options of `tbmslam world`), medians of three runs
   python tools/%(prog)s.py slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
       a drive through each of ten buildings, and the worst of them
   python tools/%(prog)s.py align map-pairs/ --details --plot calibration.png
-      every .npz pair of a folder (see datasets/synthetic/map_pairs/pairs.py), with a line for each wrong pair
+      every .npz pair of a folder (docs/confidence.md), with a line for each wrong pair
   python tools/%(prog)s.py align map-pairs/ --method all
       all methods in one table, with those of the related work
   python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3

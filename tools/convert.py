@@ -32,7 +32,7 @@ formats:
   a name without ending  map folder
   .npz        beliefs, drives and keyframes
   .yaml .yml  ROS map with its picture
-  .png        picture (in: with --resolution; out: with a world file)
+  .png        picture with a world file (.pgw; in: or with --resolution)
   .tif .tiff  GeoTIFF with beliefs (needs the extra tbmslam[geotiff])
   .bag .mcap  nav_msgs/OccupancyGrid, out on /map
   .tbm_map    dump of the original programs
@@ -80,11 +80,11 @@ def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> 
 
     ending = path.suffix.lower()
     if ending in _PICTURES and not path.is_dir():
-        if resolution is None:
-            raise TbmSlamError(f"{path}: a picture holds no size of its pixels: pass --resolution")
-        return TbmMap.from_image(path, resolution, origin)
+        return _read_picture(path, resolution, origin)
     if resolution is not None:
         raise TbmSlamError(f"{path}: is not a picture and holds the size of its cells: drop --resolution")
+    if ending == ".g2o":
+        raise TbmSlamError(f"{path}: is only written, not read: give a map's folder or file")
     if ending in (".tif", ".tiff"):
         from tbmslam.io.geotiff import read_geotiff
 
@@ -94,6 +94,21 @@ def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> 
 
         return TbmMap(read_occupancy_bag(path), provenance={"read_from": path.name})
     return load_map(path)
+
+
+def _read_picture(path: Path, resolution: float | None, origin: tuple[float, float]) -> "TbmMap":
+    """Return the map of a picture, whose place is stated by options or else by a world file beside it."""
+    from tbmslam.io.pictures import read_world_file
+    from tbmslam.map.map_image import read_image
+    from tbmslam.map.tbm_map import TbmMap
+
+    world_file = path.with_suffix(".pgw")
+    if resolution is None and not world_file.is_file():
+        raise TbmSlamError(f"{path}: a picture holds no size of its pixels: pass --resolution")
+    if resolution is None:
+        geometry = read_world_file(world_file, *read_image(path).pixels.shape[:2])
+        resolution, origin = geometry.resolution, (geometry.origin_x, geometry.origin_y)
+    return TbmMap.from_image(path, resolution, origin)
 
 
 def _format_of(out: Path) -> str:
@@ -137,7 +152,7 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     elif any(len(drive.keyframes) for drive in tbm_map.drives):
         write_g2o(out, tbm_map.drives)
     else:
-        raise TbmSlamError(f"{out}: the map has no keyframes to write: give a map that build_maps or merge wrote")
+        raise TbmSlamError(f"{out}: the map has no keyframes to write: give a map that `tbmslam map` or `merge` wrote")
 
 
 if __name__ == "__main__":

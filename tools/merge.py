@@ -52,7 +52,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py out/robot_0 out/robot_1 -o merged
       merge the maps of two robots into merged/map.npz, map.yaml, pictures and a report
   python tools/%(prog)s.py out/week -o merged --workers 8
-      all maps in a folder that build_maps wrote, eight pairs at a time
+      all maps in a folder that `tbmslam map` wrote, eight pairs at a time
   python tools/%(prog)s.py hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
       maps of any program; keep only cells that all robots saw, and fuse them conjunctively
   python tools/%(prog)s.py plan.yaml out/robot_0 out/robot_1 -o merged --pose robot_0 12.5 -3 90
@@ -119,9 +119,9 @@ def _too_few(given: Sequence[Path], maps: Sequence[Path]) -> str:
     if len(given) != 1:
         return f"two maps or more are needed, got {len(maps)}: {remedy}"
     if not given[0].exists():
-        return f"{given[0]}: does not exist: {remedy}, or a folder of maps that build_maps wrote"
+        return f"{given[0]}: does not exist: {remedy}, or a folder of maps that `tbmslam map` wrote"
     if given[0].is_dir() and not holds_map(maps[0]):
-        return f"{given[0]}: holds no map: name a folder that build_maps wrote with -o"
+        return f"{given[0]}: holds no map: name a folder that `tbmslam map` wrote with -o"
     return f"two maps or more are needed, {given[0]} is or holds only one: {remedy}"
 
 
@@ -141,7 +141,7 @@ def parser(program: str = "merge") -> argparse.ArgumentParser:
         nargs="*",
         type=path_argument,
         metavar="MAP",
-        help="a map folder, a folder of map folders (the output of build_maps), or a file: .npz, .yaml, .yml, "
+        help="a map folder, a folder of map folders (from `tbmslam map`), or a file: .npz, .yaml, .yml, "
         ".tbm_map, .tbm_map.xz, .dat or .dat.gz",
     )
     grammar.add_argument("-o", "--out", type=path_argument, metavar="FOLDER", help="folder of the merged map")

@@ -14,7 +14,7 @@ from tools.command_line.program import ProgramParser, run_program
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py > mine.toml
-      the defaults, to be edited and given to build_maps or merge with --config mine.toml
+      the defaults, to be edited and given to `tbmslam map` or `merge` with --config mine.toml
   python tools/%(prog)s.py --config out/robot_0
       the parameters of an earlier result
 """

@@ -32,7 +32,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py run.bag --robots 5 --overlap 0.8 -o out/paper-run
       a recording, cut into five robots; the reference is the map of the whole recording by the default SLAM
   python tools/%(prog)s.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
-      existing maps (a folder that build_maps wrote, with its truth.json)
+      existing maps (a folder that `tbmslam map` wrote, with its truth.json)
 """
 
 _PLURAL, _PAIRS, _SHARE = number_within(int, 2, 1000), number_within(int, 1, 16), number_within(float, 0, 1)
@@ -55,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
     )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     maps = grammar.add_argument_group("maps")
-    maps.add_argument("--maps", type=path_argument, metavar="DIR", help="use maps that build_maps wrote")
+    maps.add_argument("--maps", type=path_argument, metavar="DIR", help="use maps that `tbmslam map` wrote")
     maps.add_argument("--world", choices=WORLDS, default="office", help="kind of the simulated building (office)")
     maps.add_argument("--seed", type=number_within(int, 0), default=1, help="seed of the building and the drives (1)")
     maps.add_argument("--drives", type=_PLURAL, default=5, metavar="N", help="number of simulated drives (5)")

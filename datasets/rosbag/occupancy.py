@@ -127,7 +127,8 @@ def _grid(path: Path, message: Any) -> TbmGrid:
     if origin is None:
         raise MapFileError(f"{path}: the origin of the map is no valid pose: record it again")
     corner = origin.planar()
-    geometry = GridGeometry(float(info.resolution), corner.x, corner.y, int(info.height), int(info.width))
+    resolution = float(str(np.float32(info.resolution)))  # 0.05 and not 0.0500000007: the message states a float32
+    geometry = GridGeometry(resolution, corner.x, corner.y, int(info.height), int(info.width))
     check_geometry(path, geometry)
     if len(cells) != geometry.rows * geometry.cols:
         raise MapFileError(f"{path}: {len(cells)} cells are not {geometry.rows} x {geometry.cols}: record it again")

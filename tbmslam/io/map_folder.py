@@ -99,7 +99,7 @@ def _map_in(folder: Path) -> Path:
         if (folder / name).is_file():
             return folder / name
     raise MapFileError(
-        f"{folder}: holds no map.npz or map.yaml: give a folder that build_maps or merge wrote, or a map's file"
+        f"{folder}: holds no map.npz or map.yaml: give a folder that `tbmslam map` or `merge` wrote, or a map's file"
     )
 
 

@@ -1,5 +1,6 @@
 """The masses of a map as pictures: one pixel for each cell, y up, with a world file."""
 
+import math
 import os
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy.typing as npt
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN, Masses
 from tbmslam.io.atomic_file import write_bytes, write_text
+from tbmslam.map.map_check import MapFileError
 
 
 def write_world_file(picture: Path, geometry: GridGeometry) -> None:
@@ -20,6 +22,24 @@ def write_world_file(picture: Path, geometry: GridGeometry) -> None:
     x, y = geometry.centre_of(geometry.rows - 1, 0)
     step = geometry.resolution
     write_text(picture.with_suffix(".pgw"), "".join(f"{value!r}\n" for value in (step, 0.0, 0.0, -step, x, y)))
+
+
+def read_world_file(world_file: Path, rows: int, cols: int) -> GridGeometry:
+    """Return the geometry that a world file states for a picture of so many pixels.
+
+    Raises
+    ------
+    MapFileError
+        If it is no world file, or the pixels are not squares along the axes.
+    """
+    try:
+        values = [float(word) for word in world_file.read_text(encoding="ascii").split()]
+    except ValueError:
+        values = []
+    if len(values) != 6 or any(values[1:3]) or not math.isclose(values[0], -values[3]):
+        raise MapFileError(f"{world_file}: is no world file of square pixels without rotation: pass --resolution")
+    step, x, y = values[0], *values[4:]
+    return GridGeometry(step, x - step / 2.0, y + step / 2.0 - rows * step, rows, cols)
 
 
 Picture = npt.NDArray[np.uint8]

@@ -30,6 +30,18 @@ def test_a_wrong_path_is_reported_before_heavy_imports():
 
 
 @pytest.mark.parametrize("command", PROGRAMS)
+def test_no_help_speaks_of_files_that_only_a_clone_has(command, capsys):
+    inner = {"evaluate": ("trajectory", "map"), "benchmark": ("slam", "align", "split", "perturb")}.get(command, ())
+    for words in ([command], *([command, name] for name in inner)):
+        with pytest.raises(SystemExit):
+            main([*words, "--help"])
+        printed = capsys.readouterr().out
+        files = [program for program, _ in PROGRAMS.values() if "_" in program]
+        assert not [file for file in files if file in printed]
+        assert "datasets/" not in printed
+
+
+@pytest.mark.parametrize("command", PROGRAMS)
 def test_each_command_runs_its_program_under_its_own_name(command, capsys):
     with pytest.raises(SystemExit) as left:
         main([command, "--help"])

@@ -49,9 +49,34 @@ def test_a_picture_needs_the_size_of_its_pixels(plan, tmp_path, capsys):
     assert (made.to_occupancy()[7] == 100).all()
     assert run(plan, tmp_path / "x", "--resolution", 0.1) == 1
     assert "is not a picture and holds the size of its cells: drop --resolution" in capsys.readouterr().err
+
+
+def test_a_world_file_beside_a_picture_states_where_it_lies(plan, tmp_path, capsys):
     assert run(plan, tmp_path / "again.png") == 0
-    assert (tmp_path / "again.pgw").is_file()
     assert cv2.imread(str(tmp_path / "again.png"), cv2.IMREAD_UNCHANGED).shape == (30, 40)
+    assert run(tmp_path / "again.png", tmp_path / "back") == 0
+    before, after = load_map(plan), load_map(tmp_path / "back")
+    assert after.grid.geometry == pytest.approx(before.grid.geometry)
+    np.testing.assert_array_equal(after.to_occupancy(), before.to_occupancy())
+    assert run(tmp_path / "again.png", tmp_path / "other", "--resolution", 0.1) == 0  # what is typed counts
+    assert load_map(tmp_path / "other").grid.geometry == pytest.approx((0.1, 0.0, 0.0, 30, 40))
+    capsys.readouterr()
+    for text in ("0.05\n0\n0\n-0.05\n1\n", "0.05\n0.01\n0\n-0.05\n1\n2\n", "0.05\n0\n0\n-0.06\n1\n2\n", "a\n" * 6):
+        (tmp_path / "again.pgw").write_text(text)
+        assert run(tmp_path / "again.png", tmp_path / "back") == 1
+        assert "again.pgw: is no world file of square pixels without rotation" in capsys.readouterr().err
+
+
+def test_a_bag_keeps_the_size_of_its_cells(plan, tmp_path):
+    assert run(plan, tmp_path / "map.bag") == 0
+    assert run(tmp_path / "map.bag", tmp_path / "back.npz") == 0
+    assert load_map(tmp_path / "back.npz").grid.geometry.resolution == 0.05  # a message states a float32
+
+
+def test_a_pose_graph_is_not_read(tmp_path, capsys):
+    (tmp_path / "graph.g2o").write_text("VERTEX_SE2 0 0 0 0\n")
+    assert run(tmp_path / "graph.g2o", tmp_path / "out") == 1
+    assert "graph.g2o: is only written, not read: give a map's folder or file" in capsys.readouterr().err
 
 
 def test_keyframes_become_a_pose_graph(bag, plan, tmp_path, capsys):

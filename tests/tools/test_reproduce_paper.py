@@ -65,7 +65,7 @@ def test_from_simulated_drives_to_the_report(tmp_path, capsys):
 def test_maps_without_truth_are_one_line_and_exit_1(tmp_path, capsys):
     assert main(["--maps", str(tmp_path), "-o", str(tmp_path / "out")]) == 1
     assert re.fullmatch(
-        r"reproduce_paper: .*truth.json does not state the poses of maps .*: make them with build_maps .*\n",
+        r"reproduce_paper: .*truth.json does not state the poses of maps .*: make them with `tbmslam map` .*\n",
         capsys.readouterr().err,
     )
 

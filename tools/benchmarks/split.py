@@ -38,7 +38,7 @@ HEAD = (
 )
 
 NOTES = """\
-build_maps cuts each recording into robots with random frames, and their maps are merged. pairs: pairs that share a
+Each recording is cut into robots with random frames, and their maps are merged. pairs: pairs that share a
 quarter of the smaller map's free space or more. near enough: pairs whose relative pose is within 0.2 m, in the middle
 of the second map, and 1 degree of truth.json. as undivided: share of equal cells, of the cells known to the merged map
 and to the map of the whole recording; or beside: a neighbouring cell counts too. undivided turned: the same for the

@@ -13,7 +13,7 @@ from tbmslam.configuration.toml_text import config_text
 from tbmslam.special_file import why_unreadable
 
 _PAPER, _PAPER_SLAM = "paper", "viny"
-_HEADING = "Parameters of tbmslam. Give this file, or a part of it, to build_maps or merge with --config."
+_HEADING = "Parameters of tbmslam. Give this file, or a part of it, to `tbmslam map` or `merge` with --config."
 
 
 class Configuration(SlamConfig):

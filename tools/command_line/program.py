@@ -122,7 +122,8 @@ def run_program(
         is_shown = debug and not (isinstance(error, OSError) and error.filename is None and _prints_nothing())
         if is_shown or not isinstance(error, Exception) or not (no_memory or isinstance(error, TbmSlamError | OSError)):
             raise
-        say(f"{program}: {f'memory has run out: {out_of_memory}' if no_memory else one_line(error)}")
+        if not _has_lost_its_reader(error):
+            say(f"{program}: {f'memory has run out: {out_of_memory}' if no_memory else one_line(error)}")
         discard_output()
         return FAILED
     finally:
@@ -148,6 +149,11 @@ def _prints_nothing() -> bool:
     except OSError:
         return True
     return False
+
+
+def _has_lost_its_reader(error: BaseException) -> bool:
+    """Return whether stdout is a pipe whose reader has read enough, such as `head`: no reason for a message."""
+    return isinstance(error, BrokenPipeError) and _prints_nothing()
 
 
 def say(line: str) -> None:
@@ -199,7 +205,8 @@ class ProgramParser(argparse.ArgumentParser):
             sys.stdout.write(self.format_help())
             sys.stdout.flush()
         except OSError as error:
-            say(f"{self.prog.split()[0]}: {one_line(error)}")
+            if not _has_lost_its_reader(error):
+                say(f"{self.prog.split()[0]}: {one_line(error)}")
             discard_output()
             sys.exit(FAILED)
 

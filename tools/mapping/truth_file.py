@@ -45,15 +45,16 @@ def read_truth_file(path: Path) -> TruthFile:
     """Read the poses of the maps of a folder."""
     try:
         if why := why_unreadable(path):
-            raise TruthFileError(f"{path} {why}: make it with build_maps")
+            raise TruthFileError(f"{path} {why}: make it with `tbmslam map`")
         record = json.loads(path.read_text(encoding="utf-8"))
         source = str(record["source"])
         if source not in {OWN_MAP, GIVEN}:
-            raise TruthFileError(f"{path} is {source!r} and no place of maps: name the folder that build_maps wrote")
+            raise TruthFileError(f"{path} is {source!r} and no place of maps: name the folder that `tbmslam map` wrote")
         poses = {name: SE2.from_array(entry["T_reference_map"]) for name, entry in record["robots"].items()}
         warnings = tuple(dict(warning) for warning in record["warnings"])
         return TruthFile(poses, source, warnings)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         raise TruthFileError(
-            f"{path} does not state the poses of maps ({error!r}): make them with build_maps --reference or --robots"
+            f"{path} does not state the poses of maps ({error!r}): make them with `tbmslam map` and --reference or "
+            "--robots"
         ) from None

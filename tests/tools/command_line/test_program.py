@@ -126,12 +126,13 @@ def test_a_full_disk_for_what_is_printed_is_one_line(words):
     assert (done.returncode, done.stderr) == (1, said)
 
 
-def test_a_reader_that_has_gone_is_one_line():
+@pytest.mark.parametrize("words", [["--print-config"], ["--print-config", "--debug"], ["--help"]], ids=" ".join)
+def test_a_reader_that_has_read_enough_is_no_error_worth_a_line(words):
     reader, writer = os.pipe()
-    os.close(reader)
-    done = printed_into(writer, "--print-config")
+    os.close(reader)  # as `head` does
+    done = printed_into(writer, *words)
     os.close(writer)
-    assert (done.returncode, done.stderr) == (1, "merge: Broken pipe: check the input and the output\n")
+    assert (done.returncode, done.stderr) == (1, "")
 
 
 def test_who_has_neither_output_nor_errors_gets_the_exit_code():

@@ -46,6 +46,6 @@ def test_the_truth_of_a_simulated_world_is_another_file(tmp_path):
 )
 def test_an_invalid_truth_file_is_reported_in_one_line(tmp_path, text):
     (tmp_path / "truth.json").write_text(text)
-    with pytest.raises(TruthFileError, match=r"truth.json .*: make (it|them) with build_maps") as caught:
+    with pytest.raises(TruthFileError, match=r"truth.json .*: make (it|them) with `tbmslam map`") as caught:
         read_truth_file(tmp_path / "truth.json")
     assert "\n" not in str(caught.value)

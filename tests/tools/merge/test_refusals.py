@@ -43,7 +43,7 @@ def test_a_folder_with_one_map_or_none_is_refused(tmp_path, usage_error):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "single" / "robot_0" / "map.npz").touch()
     for name, message in (
-        ("empty", "empty: holds no map: name a folder that build_maps wrote with -o"),
+        ("empty", "empty: holds no map: name a folder that `tbmslam map` wrote with -o"),
         ("single", "two maps or more are needed, "),
         ("single", "single is or holds only one: give their folders, such as out/robot_0 out/robot_1"),
         ("single/robot_0", "single/robot_0 is or holds only one"),
