@@ -1,7 +1,6 @@
 """Real bags of simulated robots, with the topics and frames of the MIT Stata Center recordings."""
 
 import math
-import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -20,6 +19,7 @@ from datasets.synthetic.robot.laser import LidarPoints, RingLidar
 from datasets.synthetic.robot.simulation import SimulatedRobot
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
+from tbmslam.io.atomic_file import flush_file
 from tbmslam.sensing.laser_scan import LaserScan
 
 LASER_HEIGHT = 0.252
@@ -174,7 +174,7 @@ def write_ros1_bag(
             }
             for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
                 writer.write(connections[topic], nanoseconds, data)
-        _sync(unfinished)
+        flush_file(unfinished)
         unfinished.replace(path)
 
 
@@ -198,7 +198,7 @@ def write_mcap_bag(
             for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
                 writer.write(connections[topic], nanoseconds, data)
         for file in sorted(unfinished.iterdir()):
-            _sync(file)
+            flush_file(file)
         _replace_folder(unfinished, path, folder / "old")
 
 
@@ -281,14 +281,6 @@ def _scan_fields(scan: LaserScan, robot: SimulatedRobot, no_return: float) -> di
 def _nanoseconds(stamp: float) -> int:
     """Return a stamp of whole microseconds exactly."""
     return round(stamp * 1e6) * 1000
-
-
-def _sync(file: Path) -> None:
-    descriptor = os.open(file, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _replace_folder(new: Path, target: Path, aside: Path) -> None:

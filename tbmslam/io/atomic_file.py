@@ -33,7 +33,7 @@ def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | Non
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        _flush(temporary)
+        flush_file(temporary)
         if make_way is not None:
             make_way()
         temporary.replace(target)
@@ -79,7 +79,8 @@ def _remove_leftovers(target: Path) -> None:
         old.unlink(missing_ok=True)
 
 
-def _flush(path: Path) -> None:
+def flush_file(path: Path) -> None:
+    """Write a file's content to the disk."""
     with path.open("r+b") as stream:
         os.fsync(stream.fileno())
 

@@ -1,8 +1,8 @@
 """Calls in new processes, for measurements of memory and time without influence of earlier calls."""
 
 import contextlib
+import math
 import multiprocessing
-import resource
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
@@ -93,13 +93,17 @@ def in_fresh_processes(
 
 
 def peak_memory_mb() -> float:
-    """Return the peak memory of this process [MB]."""
+    """Return the peak memory of this process [MB]; NaN if the system does not tell it."""
     # On Linux getrusage may report the peak of the parent process.
     status = Path("/proc/self/status")
     if status.exists():
         for line in status.read_text(encoding="ascii").splitlines():
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) * 1024 / 1e6
+    try:
+        import resource
+    except ImportError:  # Windows
+        return math.nan
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6
 

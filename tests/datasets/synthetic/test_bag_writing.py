@@ -113,7 +113,7 @@ def test_a_failed_write_leaves_the_older_bag_and_nothing_else(tmp_path, monkeypa
     def full(*_args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("datasets.synthetic.bag_writing._sync", full)
+    monkeypatch.setattr("datasets.synthetic.bag_writing.flush_file", full)
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(BagWritingError, match=r"a\.bag cannot be written: No space left on device; choose another"):
         write_ros1_bag(ROBOT, tmp_path / "a.bag")
