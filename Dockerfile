@@ -1,6 +1,7 @@
 # tbmslam without anything else installed:
 #   docker build -t tbmslam .
-#   docker run --rm -v "$PWD:/data" tbmslam map run.bag -o out/one
+#   docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/data" tbmslam map run.bag -o out/one
+# Without --user the maps belong to the first user of the system (1000), and another's folder cannot be written.
 FROM python:3.12-slim AS wheel
 WORKDIR /source
 COPY . .

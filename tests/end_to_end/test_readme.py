@@ -99,6 +99,11 @@ def test_every_line_of_the_readme_does_what_it_says(recordings, tmp_path):
     assert report(tmp_path / "out" / "room-merged")["merged"] is True
 
 
+def test_no_page_needs_a_clone_where_the_installed_program_does_the_same():
+    programs = {program for program, _ in PROGRAMS.values()} - {"benchmark"}  # whose figures are made in a clone
+    assert not [command for command in COMMANDS if command.split()[1].removeprefix("tools/")[:-3] in programs]
+
+
 def test_there_are_commands_and_every_link_leads_somewhere():
     assert len(COMMANDS) >= 8
     targets = (ROOT / "Makefile").read_text()

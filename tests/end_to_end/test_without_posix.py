@@ -29,7 +29,7 @@ for module, names in (
         if hasattr(module, name):
             delattr(module, name)
 """
-DRIVE = "--world apartment --robots 2 --length 12 --overlap 0.8 --beams 181 --rate 5".split()
+DRIVE = ["--world", "apartment", "--robots", "2", "--length", "12", "--overlap", "0.8", "--beams", "181", "--rate", "5"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="there is nothing to take away")
