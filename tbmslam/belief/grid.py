@@ -192,7 +192,11 @@ class TbmGrid:
         high = np.ceil(np.array([max_y - g.origin_y, max_x - g.origin_x]) / g.resolution - _SLIVER)
         (top, left), (bottom, right) = (np.clip(edge, 0, (g.rows, g.cols)).astype(int).tolist() for edge in (low, high))
         if top >= bottom or left >= right:
-            raise ValueError(f"({min_x}, {min_y}) to ({max_x}, {max_y}) m holds no cell of {g.bounds()}")
+            x0, y0, x1, y1 = g.bounds()
+            raise ValueError(
+                f"({min_x:g}, {min_y:g}) to ({max_x:g}, {max_y:g}) m holds no cell of the map, which reaches from "
+                f"({x0:.2f}, {y0:.2f}) to ({x1:.2f}, {y1:.2f}) m"
+            )
         return _without_rest(self.part(top, bottom, left, right))
 
     def known_part(self, margin: int = 0) -> "TbmGrid":
