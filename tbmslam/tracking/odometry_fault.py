@@ -18,8 +18,9 @@ _WITHIN = (
     4.0 / 3.0 * math.pi * math.gamma(0.5 * (FREEDOM + 3.0)) / (math.gamma(0.5 * FREEDOM) * (FREEDOM * math.pi) ** 1.5)
 )
 """Volume of the unit ball times the density of Student's t at its mean, in three dimensions."""
-_SUSPECTED = 0.1
-"""From this probability on other hypotheses are tried: ten times that of a new fault."""
+_SUSPECTED = 0.5
+"""From this probability on other hypotheses are tried, because a fault is more likely than none. With 0.1 intel takes
+6 % longer, and of 56 runs with reversed odometry none exceeds its bar instead of one, by 2 mm."""
 
 
 class OdometryFault:
