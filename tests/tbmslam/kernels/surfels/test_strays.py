@@ -41,7 +41,9 @@ def test_strays_match_no_surfel(surfels, span, tolerance, factor):
     points, pairs = np.column_stack((np.cos(ANGLES), np.sin(ANGLES))) * ranges[:, None], np.empty((8, 301))
     count, independent = pair_up(surfels, points, facing_origin(points), 1, span, POSE, pairs)
     expected = independent - reference.normal_equations(pairs[:, :count], POSE, tolerance)[0]
-    assert counted(surfels, ranges, span=span, tolerance=tolerance)[0] == pytest.approx(expected, rel=1e-9)
+    assert counted(surfels, ranges, span=span, tolerance=tolerance)[0] == pytest.approx(
+        expected, rel=1e-6
+    )  # uncompiled: float32
 
 
 @pytest.mark.parametrize("reversed_beams", [False, True])
