@@ -10,8 +10,9 @@ import math
 
 from tbmslam.tracking.odometry_noise import FREEDOM, Deviations, student_cost
 
-_BEGINS = 0.01
-"""Probability that a fault begins at a keyframe. 0.001 is as good."""
+_BEGINS = 0.001
+"""Probability that a fault begins at a keyframe. With 0.01 a day's drive round a block is torn at one of its 1800
+corners. Of 56 runs with reversed odometry one exceeds its bar with either."""
 _LASTS = 0.9
 """Probability that a fault lasts until the next keyframe, so ten keyframes or some three metres in the mean."""
 _WITHIN = (
