@@ -11,7 +11,7 @@ import math
 from tbmslam.tracking.odometry_noise import FREEDOM, Deviations, student_cost
 
 _BEGINS = 0.001
-"""Probability that a fault begins at a keyframe. With 0.01 a day's drive round a block is torn at one of its 1800
+"""Probability that a fault begins at a keyframe. With 0.01 a day's drive round a block is torn at one of its
 corners. Of 56 runs with reversed odometry one exceeds its bar with either."""
 _LASTS = 0.9
 """Probability that a fault lasts until the next keyframe, so ten keyframes or some three metres in the mean."""
@@ -21,7 +21,7 @@ _WITHIN = (
 """Volume of the unit ball times the density of Student's t at its mean, in three dimensions."""
 _SUSPECTED = 0.5
 """From this probability on other hypotheses are tried, because a fault is more likely than none. With 0.1 intel takes
-6 % longer, and of 56 runs with reversed odometry none exceeds its bar instead of one, by 2 mm."""
+6 % longer; of 56 runs with reversed odometry none exceeded its bar then, and one with 0.5."""
 
 
 class OdometryFault:

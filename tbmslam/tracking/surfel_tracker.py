@@ -161,7 +161,7 @@ class SurfelTracker:
             coasting = prior.coasting()
             if coasting is not None:
                 faulty = faulty_cost(prior.deviations, coasting.deviations)
-            result = self._elsewhere(self._hits_of(scan), prior, coasting, T_robot_sensor, result)
+            result = self._elsewhere(self._hits_of(scan), prior, coasting, faulty, T_robot_sensor, result)
         if result.matched < config.min_matched:
             return _unmatched(result, prior, between, T_robot_sensor)
         if prior.by_odometry:
@@ -170,23 +170,27 @@ class SurfelTracker:
         return ScanMatch(result.pose, _least_share(result), True, result.hessian, trust)
 
     def _elsewhere(
-        self, hits: Hits, prior: PosePrior, coasting: Coasting | None, T_robot_sensor: SE2, result: Registration
+        self,
+        hits: Hits,
+        prior: PosePrior,
+        coasting: Coasting | None,
+        faulty: float,
+        T_robot_sensor: SE2,
+        result: Registration,
     ) -> Registration:
         """Return the hypothesis with the largest posterior: the given registration, or one from another start."""
         if not len(hits.points):
             return result
         predicted = _PoseBelief.of(prior.mean, prior.deviations, T_robot_sensor)
         inertia = None if coasting is None else _PoseBelief.of(*coasting, T_robot_sensor)
-        faulty = None
-        if coasting is not None and self._may_be_faulty(prior):
-            faulty = faulty_cost(prior.deviations, coasting.deviations)
+        may_be_faulty = self._may_be_faulty(prior)
 
         def cost(registration: Registration) -> float:
             """Return the negative logarithm of the posterior, up to a constant."""
             pose, surprise = registration.pose, registration.surprise
             strays, moved = self._map.strays(hits, pose, _THING, self._config.tolerances[-1], self._view)
             cost = _STRAY * strays + _MOVED * moved
-            if inertia is None or faulty is None:
+            if inertia is None or not may_be_faulty:
                 return cost + student_cost(surprise)
             return cost + self._fault.cost(surprise, faulty) + student_cost(inertia.squared_distance(pose))
 
