@@ -19,6 +19,7 @@ from merging.config.groups import JointConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.loop_closure.open_direction import without_open_direction
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.map.drive import Drive, with_keyframes_at
 from tbmslam.map.keyframes import Keyframes
@@ -159,21 +160,12 @@ def _closure(
     if math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.last_shift_m:
         return None
     floor = np.diag([config.closure_m**2, config.closure_m**2, config.closure_rad**2])
-    information = np.linalg.inv(np.linalg.inv(_determined(fit.hessian, config) + np.eye(3) * 1e-3) + floor)
+    information = np.linalg.inv(
+        np.linalg.inv(without_open_direction(fit.hessian, config.min_determined) + np.eye(3) * 1e-3) + floor
+    )
     information *= 1.0 if is_sure else config.doubtful_weight
     rotation = SE2(0.0, 0.0, fit.pose.theta).matrix()
     return MotionEdge(offset + submap.anchor, here, fit.pose, np.asarray(rotation.T @ information @ rotation))
-
-
-def _determined(hessian: FloatArray, config: JointConfig) -> FloatArray:
-    """Return the curvature without its undetermined direction, as in `tbmslam.loop_closure.loop_closer`."""
-    values, directions = np.linalg.eigh(hessian[:2, :2])
-    if values[0] >= config.min_determined * values[1]:
-        return hessian
-    kept = np.eye(3)
-    kept[:2, :2] -= np.outer(directions[:, 0], directions[:, 0])
-    closed: FloatArray = kept @ hessian @ kept
-    return closed
 
 
 def redraw(drives: Sequence[Keyframes], tbm_map: TbmMap, max_range: float = math.inf) -> TbmGrid:

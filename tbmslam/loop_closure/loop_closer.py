@@ -3,12 +3,13 @@
 The drive is divided into submaps. The model of the drift tells if the drive may have returned to an old submap. Then a
 bundle of neighbouring keyframes is searched in the submap, registered to its surfaces, and verified: many hits must lie
 on surfaces, and few in free space. A direction that the fit does not determine, as along a corridor, stays
-undetermined. If the drift may be large, a find is accepted only if several finds along the drive agree and the drift
-allows them.
+undetermined. If the drift may be large, a find is accepted only if several finds along the drive agree, the drift
+allows them, and no other place fits them as well.
 """
 
 import logging
 import math
+from collections.abc import Iterator
 from itertools import compress
 from typing import ClassVar, NamedTuple
 
@@ -17,10 +18,11 @@ import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray, compose
 from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
 from tbmslam.loop_closure.drift_test import DriftTest
 from tbmslam.loop_closure.far_search import FarSearch
+from tbmslam.loop_closure.open_direction import open_direction, without_open_direction
 from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.loop_closure.submap import SubmapConfig
 from tbmslam.map.drive import spread_corrections
@@ -123,6 +125,15 @@ class _Bundle(NamedTuple):
     points: FloatArray
 
 
+class _Election(NamedTuple):
+    """Votes of keyframes, by the hits of a `length` of the path before and after them [m], at most `points`."""
+
+    votes: ClosureVotes
+    test: DriftTest
+    length: float
+    points: int
+
+
 class _Drive:
     """One drive being corrected; its closures are kept by keyframe and target."""
 
@@ -145,14 +156,16 @@ class _Drive:
         self._new: list[PlacedBundle] = []  # not yet among the closures
         self._bundle: tuple[int, _Bundle | None] = -1, None
         self._chain = chain
-        self._votes = ClosureVotes(config.votes, self._hits.travelled)
         drift = ChainDrift(poses, self._chain.covariances)
         self._far = FarSearch(self._hits, self._targets, drift, config.max_shift, config.reach)
-        search = self._chain, self._targets, self._hits, config.robust_width
-        self._drift_test = DriftTest(*search, config.bundle, config.match_points)
-        self._far_test = DriftTest(*search, _FAR_BUNDLE, 2 * config.match_points)
-        self._far_votes = ClosureVotes(_FAR_VOTES, self._hits.travelled)
+        self._near_election = self._election(config.votes, config.bundle, config.match_points)
+        self._far_election = self._election(_FAR_VOTES, _FAR_BUNDLE, 2 * config.match_points)
         self._far_stop = -1
+
+    def _election(self, config: ClosureVotesConfig, length: float, points: int) -> _Election:
+        """Return an election without votes."""
+        test = DriftTest(self._chain, self._targets, self._hits, self.config.robust_width, length, points)
+        return _Election(ClosureVotes(config, self._hits.travelled), test, length, points)
 
     def search_forward(self) -> None:
         """Close loops in the order of the drive; large corrections are applied before the next search."""
@@ -258,19 +271,42 @@ class _Drive:
                 votes += self._votes_for(keyframe, target, shift, turn)
             else:
                 fits.append(self._fit(keyframe, target, shift, turn))
-        return [fit for fit in fits if fit is not None] + self._elected(self._votes, self._drift_test, votes)
+        return [fit for fit in fits if fit is not None] + self._elected(self._near_election, votes)
 
-    def _elected(self, election: ClosureVotes, test: DriftTest, votes: list[PlacedBundle]) -> list[PlacedBundle]:
+    def _elected(self, election: _Election, votes: list[PlacedBundle]) -> list[PlacedBundle]:
         """Add votes; return those that agree, if they outweigh all others and the drive's motions allow them."""
         if not votes:
             return []
-        election.add(votes)
-        elected = election.elected(self.poses)
+        election.votes.add(votes)
+        elected = election.votes.elected(self.poses)
         closures = list(self.closures.values())
-        if not elected or not test.allows(elected, self._covariances(elected[-1:])[0], self.poses, closures):
+        if not elected or not election.test.allows(elected, self._covariances(elected[-1:])[0], self.poses, closures):
             return []
-        election.forget()
+        if any(not election.votes.outweighs(elected, rival) for rival in self._rivals(election, elected)):
+            return []
+        election.votes.forget()
         return elected
+
+    def _rivals(self, election: _Election, elected: list[PlacedBundle]) -> Iterator[list[PlacedBundle]]:
+        """Yield the votes of the elected keyframes for each other place that any keyframe proposes.
+
+        A search names few of the many places that look alike, and each keyframe may name others.
+        """
+        stops = sorted({vote.keyframe for vote in elected})
+        for correction in election.votes.rivals(elected, self.poses):
+            poses = self.poses.copy()
+            poses[stops] = compose(np.array([correction]), poses[stops])
+            votes = []
+            for keyframe in stops:
+                near = self._targets.near(keyframe, poses, self.config.reach).targets[: self.config.submaps_per_step]
+                for target in near.tolist():
+                    place = relative_pose(poses, self._targets.submap(target).anchor, keyframe)
+                    vote = self._vote(
+                        election.votes, keyframe, target, self._hits.bundle(keyframe, *election[2:]), place
+                    )
+                    if vote is not None:
+                        votes.append(vote)
+            yield votes
 
     def _votes_for(self, keyframe: int, target: int, shift: float, turn: float) -> list[PlacedBundle]:
         """Return the possible poses of a keyframe's bundle in a target."""
@@ -279,7 +315,7 @@ class _Drive:
             return []
         guess = relative_pose(self.poses, submap.anchor, keyframe)
         places = submap.places(bundle.points, guess, shift, turn, config.votes.places)
-        votes = (self._vote(self._votes, keyframe, target, bundle.hits, place) for place in places)
+        votes = (self._vote(self._near_election.votes, keyframe, target, bundle.hits, place) for place in places)
         return [vote for vote in votes if vote is not None]
 
     def _vote(self, votes: ClosureVotes, keyframe: int, target: int, bundle: Hits, place: SE2) -> PlacedBundle | None:
@@ -288,7 +324,7 @@ class _Drive:
         fit = submap.fit(bundle, place)
         weight = votes.weight(fit.matched, fit.violated)
         is_near = math.hypot(fit.pose.x - place.x, fit.pose.y - place.y) <= self.config.max_slide
-        if weight <= 0.0 or not is_near or self._open_direction(fit.hessian) is not None:
+        if weight <= 0.0 or not is_near or open_direction(fit.hessian, self.config.min_determined) is not None:
             return None
         return PlacedBundle(keyframe, target, submap.anchor, fit.pose, fit.hessian, weight, fit.violated)
 
@@ -301,17 +337,17 @@ class _Drive:
         possible = self._far.possible(keyframe, self.poses)
         if possible is None:
             return []
-        bundle = self._hits.bundle(keyframe, _FAR_BUNDLE, 2 * self.config.match_points)
+        bundle = self._hits.bundle(keyframe, *self._far_election[2:])
         if len(bundle.points) < self.config.search_points // 2:
             return []
         points, votes = bundle.thinned(self.config.search_points).points, []
         few = self.config.search_points // 2
         for target, rough in self._far.places(keyframe, self.poses, bundle, few, possible):
             place = self._targets.submap(target).search(points, rough, 0.6, 0.06).pose
-            vote = self._vote(self._far_votes, keyframe, target, bundle, place)
+            vote = self._vote(self._far_election.votes, keyframe, target, bundle, place)
             if vote is not None:
                 votes.append(vote)
-        return self._elected(self._far_votes, self._far_test, votes)
+        return self._elected(self._far_election, votes)
 
     def _fit(self, keyframe: int, target: int, shift: float, turn: float) -> PlacedBundle | None:
         """Search a keyframe's bundle in a target; return its pose if it is verified."""
@@ -330,7 +366,9 @@ class _Drive:
             return None
         if math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.max_slide:
             return None
-        return PlacedBundle(keyframe, target, submap.anchor, fit.pose, self._determined(fit.hessian))
+        return PlacedBundle(
+            keyframe, target, submap.anchor, fit.pose, without_open_direction(fit.hessian, config.min_determined)
+        )
 
     def _bundle_of(self, keyframe: int) -> _Bundle | None:
         """Return a keyframe's bundle, kept for several targets; None if it has too few hits."""
@@ -360,26 +398,3 @@ class _Drive:
         rotations = np.array([SE2(0.0, 0.0, found.pose.theta).matrix() for found in placed])
         covariances: FloatArray = np.swapaxes(rotations, 1, 2) @ (np.linalg.inv(curvatures) + floor) @ rotations
         return covariances
-
-    def _determined(self, hessian: FloatArray) -> FloatArray:
-        """Return the curvature without the direction that a fit does not determine.
-
-        Along a corridor many poses fit, but they determine the distance of its walls and its direction.
-        """
-        open_direction = self._open_direction(hessian)
-        if open_direction is None:
-            return hessian
-        kept = np.eye(3)
-        kept[:2, :2] -= np.outer(open_direction, open_direction)
-        closed: FloatArray = kept @ hessian @ kept
-        return closed
-
-    def _open_direction(self, hessian: FloatArray) -> FloatArray | None:
-        """Return the direction (2,) that a fit does not determine; None if it determines all."""
-        (xx, xy), (_, yy) = hessian[:2, :2].tolist()
-        middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
-        spread = math.hypot(half, xy)
-        if middle - spread >= self.config.min_determined * (middle + spread):
-            return None
-        weak = 0.5 * math.atan2(xy, half) + 0.5 * math.pi
-        return np.array([math.cos(weak), math.sin(weak)])

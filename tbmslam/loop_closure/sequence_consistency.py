@@ -91,6 +91,32 @@ class ClosureVotes:
             return []
         return [vote for vote, agrees in zip(self._votes, agreeing, strict=True) if agrees]
 
+    def rivals(self, elected: list[PlacedBundle], poses: FloatArray) -> list[SE2]:
+        """Return the corrections, in the frame of the poses (K, 3), that votes propose and elected votes contradict.
+
+        Votes with equal corrections give one.
+        """
+        stops = np.array([vote.keyframe for vote in self._votes], dtype=np.int64)
+        together, apart = self._agreement(poses, stops)
+        is_elected = np.array([any(vote is chosen for chosen in elected) for vote in self._votes])
+        left = apart[:, is_elected].all(axis=1)
+        corrections = []
+        while left.any():
+            first = int(left.argmax())
+            vote = self._votes[first]
+            found = SE2(*poses[vote.anchor].tolist()) @ vote.pose
+            corrections.append(found @ SE2(*poses[vote.keyframe].tolist()).inverse())
+            left &= ~together[first]
+        return corrections
+
+    def outweighs(self, elected: list[PlacedBundle], others: list[PlacedBundle]) -> bool:
+        """Return whether elected votes outweigh others."""
+        own, rival = (
+            _sum_of_best(np.array([vote.weight for vote in votes]), np.array([vote.keyframe for vote in votes]))
+            for votes in (elected, others)
+        )
+        return own >= self._config.margin * rival
+
     def forget(self) -> None:
         """Forget all votes."""
         self._votes = []

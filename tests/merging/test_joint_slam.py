@@ -8,7 +8,7 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.laser import SimulatedLaser
 from merging.config.groups import JointConfig
-from merging.joint_slam import Track, _determined, refine_jointly
+from merging.joint_slam import Track, refine_jointly
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
@@ -73,14 +73,6 @@ def test_where_nothing_measured_was_kept_poses_stand_for_it_and_for_the_loops(un
 def test_stops_are_a_step_apart(told, step):
     apart = np.diff(told.hits.travelled[told.stops(step)])
     assert step - 0.5 <= apart.min() <= apart.max() <= step + 0.5
-
-
-def test_an_undetermined_direction_has_no_information():
-    turn = SE2(0.0, 0.0, 0.4).matrix()
-    open_along, shut = (turn @ np.diag([along, 1e6, 1e5]) @ turn.T for along in (10.0, 5e5))
-    np.testing.assert_array_equal(_determined(shut, CONFIG), shut)
-    kept = _determined(open_along, CONFIG)
-    np.testing.assert_allclose(turn.T @ kept @ turn, np.diag([0.0, 1e6, 1e5]), atol=1e-6)
 
 
 def test_a_bundle_is_registered_to_earlier_visits_of_its_own_drive(told, untold):

@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 
-from tbmslam.geometry.se2 import SE2
+from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
+from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.loop_closure.far_search import PlaceIndex
 from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig, PlacedBundle, _Drive
-from tbmslam.loop_closure.sequence_consistency import ClosureVotesConfig
+from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig
 from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, edge_errors, relative_pose
 from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import LaserScan
@@ -121,6 +123,29 @@ def test_a_find_of_one_keyframe_is_false_where_others_need_not_agree(drive_in, w
     for config, expected in ((LoopClosingConfig(), False), (alone, True)):
         _, closures = LoopCloser(config, SurfelConfig()).close(*drive)
         assert (len(false_closures(true, closures)) > 0) is expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "rivals_vote"), [(0, True), (0, False), (1, True), (1, False)])
+def test_lanes_of_equal_crossings_are_told_apart_by_their_rivals(monkeypatch, seed, rivals_vote):
+    """Ablation of `ClosureVotes.rivals`: hundreds of closures join lanes 100 m apart that were driven once each."""
+    angle_min, step = SimulatedLaser.field_of(180)
+    laser = SimulatedLaser(beams=180, angle_min=angle_min, angle_increment=step, rate=1.3)
+    drive = EndlessDrive("spiral", 2500.0, laser, OdometryNoise.preset("good"), seed)
+    readings = list(drive.readings())
+    poses = np.array([truth @ reading.T_robot_sensor for truth, reading in zip(poses_of(drive), readings, strict=True)])
+    steps = compose(inverse(poses[:-1]), poses[1:])
+    chain = MotionChain(steps, np.tile(np.diag(np.array([0.01, 0.005, 0.004]) ** -2.0), (len(steps), 1, 1)))
+    if not rivals_vote:
+        monkeypatch.setattr(ClosureVotes, "rivals", lambda *_: [])
+    scans = packed([reading.scan for reading in readings])
+    _, closures = LoopCloser(LoopClosingConfig(), SurfelConfig()).close(poses, scans, chain)
+    assert (len(false_closures(poses, closures)) > 100) is not rivals_vote
+    assert not rivals_vote or closures == []
+
+
+def poses_of(drive):
+    return [SE2.from_array(pose) for pose in drive.truth().poses]
 
 
 def test_a_far_drift_closes_nothing_false_where_all_is_alike(drive_in):

@@ -45,6 +45,22 @@ def test_two_places_that_are_named_alike_are_not_told_apart():
     assert len(elected_after([[first, second._replace(weight=0.3)] for first, second in stops])) == 3
 
 
+def test_each_contradicting_place_is_a_rival_once():
+    votes = ClosureVotes(CONFIG, POSES[:, 0])
+    right, rivals = SE2(2.0, 0.0, 0.0), [SE2(-2.0, 0.0, 0.1), SE2(0.0, 5.0, -0.3)]
+    votes.add([vote(20, right), vote(20, rivals[0])])
+    votes.add([vote(21, right), vote(21, right @ SE2(0.6, 0.0, 0.0))])
+    votes.add([vote(22, right), vote(22, rivals[1]), vote(22, rivals[0])])
+    elected = votes.elected(POSES)
+    assert len(elected) == 3
+    found = votes.rivals(elected, POSES)
+    np.testing.assert_allclose(found, rivals, atol=1e-9)
+    others = [vote(20 + k, rivals[0], 0.3) for k in range(3)]
+    assert not votes.outweighs(elected, others)
+    assert votes.outweighs(elected, others[:2])
+    assert votes.outweighs(elected, [others[0], others[0], others[1]])
+
+
 def test_a_place_that_slides_along_with_the_robot_is_not_believed():
     assert elected_after([[vote(10 + k, SE2(-0.6 * k, 0.0, 0.0))] for k in range(12)]) == []
 
