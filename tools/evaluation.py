@@ -62,7 +62,7 @@ def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, 
     relative = relative_errors(truth, estimate, distance=step_m, seconds=args.step_s, max_stamp_difference=tolerance)
     if args.picture:
         beneath = _backdrop(args.map, absolute.T_truth_estimate) if args.map else None
-        picture = draw_trajectory_errors(absolute.points, absolute.errors_m, "m", beneath)
+        picture = draw_trajectory_errors(absolute.points, absolute.errors_m, beneath)
         write_bytes(args.picture, encode_png(picture))
     return {
         "estimate": str(args.estimate),
@@ -92,7 +92,7 @@ def _against_relations(args: argparse.Namespace, estimate: Trajectory) -> dict[s
     if args.picture:
         beneath = _backdrop(args.map, SE2.identity()) if args.map else None
         points = estimate.poses[errors.pairs[:, 1], :2]
-        picture = draw_trajectory_errors(points, errors.translations_m, "m", beneath)
+        picture = draw_trajectory_errors(points, errors.translations_m, beneath)
         write_bytes(args.picture, encode_png(picture))
     return {
         "estimate": str(args.estimate),

@@ -122,10 +122,6 @@ class TbmGrid:
         """Return a grid of unknown cells."""
         return cls(geometry, np.broadcast_to(VACUOUS.astype(np.float32), (geometry.rows, geometry.cols, 4)).copy())
 
-    def tiled(self) -> "TbmGrid":
-        """Return the same grid with its masses in tiles."""
-        return self if isinstance(self.cells, TiledMasses) else TbmGrid(self.geometry, TiledMasses.of(self.cells))
-
     @property
     def masses(self) -> Masses:
         """The masses (rows, cols, 4) as an array. Of tiles it is drawn at each access, and cannot be changed."""

@@ -60,11 +60,6 @@ class TiledMasses:
             tiled.put_rows(first, masses[first : first + SIDE])
         return tiled
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the stored tiles [bytes]."""
-        return sum(tile.nbytes for tile in self.tiles.values())
-
     def put_rows(self, first: int, masses: Masses) -> None:
         """Store a band of rows (K, cols, 4); `first` is a multiple of `SIDE`, and only the last band may end between.
 

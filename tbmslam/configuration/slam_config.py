@@ -8,7 +8,7 @@ from pydantic import Field
 
 from tbmslam.calibration.laser_check import LaserCheckConfig, LaserFitConfig
 from tbmslam.calibration.mount_check import MountCheckConfig
-from tbmslam.configuration.parameters import ConfigError, changed
+from tbmslam.configuration.parameters import ConfigError
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.loop_closure.loop_closer import LoopClosingConfig
 from tbmslam.map.rendering import InsertionConfig, MapConfig
@@ -24,7 +24,7 @@ from tbmslam.tracking.motion_model import MotionConfig
 from tbmslam.tracking.odometry_noise import OdometryNoiseConfig
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 
-__all__ = ["PRESETS", "ConfigError", "KeyframeConfig", "SlamConfig", "config_from_dict", "preset"]
+__all__ = ["PRESETS", "ConfigError", "KeyframeConfig", "SlamConfig", "preset"]
 
 
 class KeyframeConfig(FrozenConfig):
@@ -127,12 +127,3 @@ def preset(name: str) -> SlamConfig:
         meant = f": did you mean {near[0]!r}?" if near else ""
         raise ConfigError(f"there is no preset {name!r}; there are {', '.join(PRESETS)}{meant}")
     return PRESETS[name]
-
-
-def config_from_dict(values: Mapping[str, object]) -> SlamConfig:
-    """Read a configuration; other parameters keep their defaults, or those of the preset that it names.
-
-    Raises a `ConfigError` if a key is unknown or a value is invalid. The message states the key and the most similar
-    key.
-    """
-    return changed(preset(str(values.get("preset", "default"))), values)

@@ -30,12 +30,10 @@ class Backdrop:
     """Geometry of the cells in the trajectory's frame."""
 
 
-def draw_trajectory_errors(
-    points: FloatArray, errors: FloatArray, unit: str, backdrop: Backdrop | None = None
-) -> Picture:
-    """Draw positions (N, 2) coloured by their errors (N,), from dark blue for 0 to dark red for the largest.
+def draw_trajectory_errors(points: FloatArray, errors: FloatArray, backdrop: Backdrop | None = None) -> Picture:
+    """Draw positions (N, 2) coloured by their errors (N,) [m], from dark blue for 0 to dark red for the largest.
 
-    Returns a colour picture, y up, with a scale in the given unit beneath. The backdrop is drawn in light grey.
+    Returns a colour picture, y up, with a scale beneath. The backdrop is drawn in light grey.
     """
     import cv2  # noqa: PLC0415  measuring needs no pictures
 
@@ -59,7 +57,7 @@ def draw_trajectory_errors(
     for index in np.argsort(errors, kind="stable"):  # the largest errors on top
         centre = (int(pixels[index, 0]), int(pixels[index, 1]))
         cv2.circle(picture, centre, 3, colours[index], thickness=-1, lineType=cv2.LINE_AA)
-    return np.vstack((picture, _colour_scale(width, largest, unit)))
+    return np.vstack((picture, _colour_scale(width, largest)))
 
 
 def draw_map_errors(labels: Labels, truth: Labels) -> Picture:
@@ -101,13 +99,13 @@ def _draw_backdrop(picture: Picture, backdrop: Backdrop, corner: FloatArray, sca
     picture[((corner[1] - wall_y) * scale).astype(int), ((wall_x - corner[0]) * scale).astype(int)] = _GREYS[OCCUPIED]
 
 
-def _colour_scale(width: int, largest: float, unit: str) -> Picture:
-    """Return the legend of the colours."""
+def _colour_scale(width: int, largest: float) -> Picture:
+    """Return the legend of the colours up to the largest error [m]."""
     import cv2  # noqa: PLC0415  measuring needs no pictures
 
     strip = np.full((_LEGEND_HEIGHT, width, 3), 255, dtype=np.uint8)
     ramp = np.linspace(0, 255, _LEGEND_WIDTH).astype(np.uint8)[None].repeat(12, axis=0)
     strip[4:16, _MARGIN : _MARGIN + _LEGEND_WIDTH] = cv2.applyColorMap(ramp, cv2.COLORMAP_TURBO)
-    for text, left in (("0", _MARGIN), (f"{largest:.3g} {unit}", _MARGIN + _LEGEND_WIDTH - 60)):
+    for text, left in (("0", _MARGIN), (f"{largest:.3g} m", _MARGIN + _LEGEND_WIDTH - 60)):
         cv2.putText(strip, text, (left, 36), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), lineType=cv2.LINE_AA)
     return strip

@@ -87,8 +87,6 @@ class AbsoluteErrors:
 class RelativeErrors:
     """Errors of the steps of an estimated trajectory."""
 
-    points: FloatArray
-    """Estimated positions (K, 2) at which the steps end, in the estimate's frame [m]."""
     translations_m: FloatArray
     rotations_deg: FloatArray
     """Absolute error (K,) of each step."""
@@ -134,7 +132,7 @@ def relative_errors(
     # inverse(true step) @ estimated step: a rotation does not change the length of the difference.
     translations = np.hypot(x - true_x, y - true_y)
     rotations = np.degrees(np.abs(wrap_angles(theta - true_theta)))
-    return RelativeErrors(estimated[ends[1:], :2], translations, rotations)
+    return RelativeErrors(translations, rotations)
 
 
 def _step_ends(progress: FloatArray, step: float) -> npt.NDArray[np.intp]:

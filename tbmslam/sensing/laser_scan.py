@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.kernels.rays.hits import any_negative, beam_starts, hit_points, hits_of_scan, move_hits
+from tbmslam.kernels.rays.hits import any_negative, hit_points, hits_of_scan, move_hits
 
 FARTHEST_PLACE = 1e8
 """No robot is farther from anything on earth [m]; beyond, fractions lose digits."""
@@ -25,10 +25,6 @@ class Hits(NamedTuple):
     def placed(self, T_new_old: SE2) -> "Hits":
         """Return the same hits in another frame."""
         return Hits(*move_hits(self.points, self.normals, T_new_old))
-
-    def chosen(self, those: npt.NDArray[np.bool_]) -> "Hits":
-        """Return some of the hits, as marked (M,)."""
-        return Hits(self.points[those], self.normals[those])
 
     def thinned(self, count: int) -> "Hits":
         """Return every n-th hit, so that at least `count` are left where there are as many."""
@@ -68,18 +64,6 @@ class LaserScan:
         # dataclasses.replace takes several times as long, and some robots need this for every scan.
         limits = self.angle_min, self.angle_increment, self.range_min, self.range_max
         return LaserScan(self.stamp, *limits, ranges, self.time_increment, self.beam_step)
-
-    def angles(self) -> FloatArray:
-        """Return the direction (N,) of every beam in the sensor's frame at the first beam [rad]."""
-        turning = self.angle_increment + self.beam_step.theta
-        return self.angle_min + turning * np.arange(len(self.ranges), dtype=np.float64)
-
-    def starts(self) -> FloatArray:
-        """Return where every beam was sent from (N, 2) in the sensor's frame at the first beam [m].
-
-        A single row is valid for all beams if the laser did not move.
-        """
-        return beam_starts(len(self.ranges), self.beam_step)
 
     def sweep(self) -> float:
         """Return the time from the first beam to the last [s]; 0 if unknown."""

@@ -37,11 +37,6 @@ class Itinerary:
     """Distance (N,) driven until each reading by its odometry [m]; all zero without odometry."""
 
     @classmethod
-    def of(cls, readings: Sequence[Reading]) -> "Itinerary":
-        """Read stamps and distances from readings in memory."""
-        return cls.from_poses([r.scan.stamp for r in readings], [r.T_odom_robot for r in readings])
-
-    @classmethod
     def from_poses(cls, stamps: Sequence[float], poses: Sequence[SE2 | None]) -> "Itinerary":
         """Read stamps and distances from the stamps and poses of a first pass over a recording."""
         steps = [0.0]

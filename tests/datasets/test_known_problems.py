@@ -18,6 +18,10 @@ def driven(script, until=110.0):
     return script.tf(99.0, "base_link", "laser", topic="/tf_static").drive(100.0, until)
 
 
+def angles(scan):
+    return scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+
+
 def read(script, tmp_path, **options):
     recording = open_recording([script.in_time_order().write(tmp_path / "run.bag")], RecordingOptions(**options))
     return list(recording), recording.counts
@@ -28,13 +32,13 @@ def test_the_number_of_beams_varies(script, tmp_path):
     for k, beams in enumerate((180, 181, 179, 361)):
         script.scan(101.0 + k, np.full(beams, 2.0 + k), angle_min=-1.5, step=0.005)
     readings, counts = read(script, tmp_path)
-    assert [len(reading.scan.angles()) for reading in readings] == [180, 181, 179, 361]
+    assert [len(reading.scan.ranges) for reading in readings] == [180, 181, 179, 361]
     assert counts.beam_count_changes == 3
 
 
 def test_angle_max_is_not_trusted(script, tmp_path):
     (reading,), _ = read(driven(script).scan(101.0, [1.0, 2.0, 3.0], angle_min=0.1, step=0.2), tmp_path)
-    assert reading.scan.angles() == pytest.approx([0.1, 0.3, 0.5], abs=1e-6)  # the message says 99
+    assert angles(reading.scan) == pytest.approx([0.1, 0.3, 0.5], abs=1e-6)  # the message says 99
 
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan], ids=["d03_inf", "d03_minus_inf", "d04_nan"])
@@ -81,7 +85,7 @@ def test_scans_without_transforms_are_counted(script, tmp_path):
 def test_a_laser_that_hangs_upside_down(script, tmp_path):
     script.tf(99.0, "base_link", "laser", SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), topic="/tf_static")
     (reading,), _ = read(script.drive(100.0, 103.0).scan(101.0, [1.0, 2.0, 3.0], angle_min=0.1, step=0.2), tmp_path)
-    assert reading.scan.angles() == pytest.approx([-0.1, -0.3, -0.5], abs=1e-6)
+    assert angles(reading.scan) == pytest.approx([-0.1, -0.3, -0.5], abs=1e-6)
 
 
 def test_nothing_in_range_is_free_and_no_hit(script, tmp_path):

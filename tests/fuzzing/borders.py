@@ -20,7 +20,8 @@ from pydantic import ValidationError
 from datasets import open_recording
 from merging.config import MergeConfig
 from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.configuration.slam_config import config_from_dict
+from tbmslam.configuration.parameters import changed
+from tbmslam.configuration.slam_config import preset
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.relations import read_relations
 from tbmslam.geometry.se2 import SE2
@@ -87,7 +88,7 @@ def _config(path: Path) -> None:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError):
         return  # tomllib's own border; programs turn it into a line
     with suppress(ValueError):  # what programs print as a line
-        config_from_dict(values)
+        changed(preset(str(values.get("preset", "default"))), values)
     with suppress(ValidationError):
         MergeConfig.model_validate(values)
 

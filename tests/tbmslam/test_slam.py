@@ -9,7 +9,8 @@ from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.faults import Fault, inject
 from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise, poses_at
-from tbmslam.configuration.slam_config import config_from_dict, preset
+from tbmslam.configuration.parameters import changed
+from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.trajectory_errors import absolute_errors, align_trajectories
 from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.sensing.laser_scan import LaserScan, Reading
@@ -147,7 +148,7 @@ def test_odometry_that_freezes_in_a_turn_is_survived(drive_in):
 
 def test_loops_are_closed(drive_in):
     robot = drive_in("office", 120.0, odometry="poor", seed=1)
-    left_open = mapped(robot.readings, config_from_dict({"loop_closing": {"enabled": False}}))
+    left_open = mapped(robot.readings, changed(SlamConfig(), {"loop_closing": {"enabled": False}}))
     closed = mapped(robot.readings)
     assert len(left_open.drives[0].closures) == 0
     assert len(closed.drives[0].closures) > 8
@@ -202,7 +203,7 @@ def test_a_wrong_angle_step_causes_a_warning(drive_in):
     (ranges,) = told(lambda scan: replace(scan, ranges=scan.ranges + 0.1))
     assert ranges == "walls fit best where ranges are 0.10 m shorter than measured: try --range-offset -0.10"
     assert told(lambda scan: scan) == []
-    assert told(wide, config_from_dict({"laser_fit": {"enabled": False}})) == []
+    assert told(wide, changed(SlamConfig(), {"laser_fit": {"enabled": False}})) == []
 
 
 def test_a_wrong_mount_causes_a_warning(drive_in):
@@ -220,7 +221,7 @@ def test_a_wrong_mount_causes_a_warning(drive_in):
     assert place.startswith("odometry and scans fit best where the laser sits on the robot at 0.2")
     assert ", 0 degrees, not at 0.10, 0.25 m, -12 degrees: try --sensor-pose 0.2" in place
     assert told(T_robot_sensor=elsewhere, T_odom_robot=None) == []
-    assert told(config_from_dict({"mount_check": {"enabled": False}}), T_robot_sensor=elsewhere) == []
+    assert told(changed(SlamConfig(), {"mount_check": {"enabled": False}}), T_robot_sensor=elsewhere) == []
     # Too wide angles turn all of the view, and are told alone, as mending them may mend the place, too.
     scans = [replace(r.scan, angle_increment=1.03 * r.scan.angle_increment) for r in robot.readings]
     robot = replace(robot, readings=[replace(r, scan=scan) for r, scan in zip(robot.readings, scans, strict=True)])
@@ -259,7 +260,7 @@ def test_a_scan_that_is_no_keyframe_costs_what_docs_scaling_says(drive_in):
 def test_walls_correct_a_drive_with_few_closures(drive_in):
     robot = drive_in("open_plan", 90.0, seed=1, beams=361)
     readings = [replace(r, T_odom_robot=None) for r in robot.readings]
-    before = ate(robot, mapped(readings, config_from_dict({"adjustment": {"enabled": False}})))
+    before = ate(robot, mapped(readings, changed(SlamConfig(), {"adjustment": {"enabled": False}})))
     after = ate(robot, mapped(readings))
     assert after < 0.8 * before
     assert after < 0.005
@@ -306,7 +307,7 @@ def test_a_laser_that_sees_a_metre_needs_to_know_how_good_the_odometry_is(drive_
         for r in robot.readings
     ]
     learning = ate(robot, mapped(readings))
-    stated = ate(robot, mapped(readings, config_from_dict({"motion": {"odometry": {"learning": False}}})))
+    stated = ate(robot, mapped(readings, changed(SlamConfig(), {"motion": {"odometry": {"learning": False}}})))
     assert learning < 0.4 * stated
     assert learning < 0.08
 

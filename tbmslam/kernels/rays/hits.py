@@ -62,22 +62,6 @@ def _write_points(
 
 
 @kernel
-def beam_starts(count: int, beam_step: Motion) -> FloatArray:
-    """Return the position of the laser at each of `count` beams (count, 2) [m], in its frame at the first beam.
-
-    If the laser did not move, one row is returned for all beams.
-    """
-    if beam_step[0] == 0.0 and beam_step[1] == 0.0:
-        return np.zeros((1, 2))
-    starts = np.zeros((count, 2))
-    for i in range(count - 1):
-        cosine, sine = math.cos(i * beam_step[2]), math.sin(i * beam_step[2])
-        starts[i + 1, 0] = starts[i, 0] + cosine * beam_step[0] - sine * beam_step[1]
-        starts[i + 1, 1] = starts[i, 1] + sine * beam_step[0] + cosine * beam_step[1]
-    return starts
-
-
-@kernel
 def write_normals(points: FloatArray, apart: int, longest: float, normals: FloatArray) -> None:
     """Write unit normals (M, 2), towards the origin, of the surfaces of points (M, 2) in beam order.
 

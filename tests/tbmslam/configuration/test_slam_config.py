@@ -1,12 +1,13 @@
 import pytest
 
-from tbmslam.configuration.slam_config import PRESETS, ConfigError, config_from_dict, preset
+from tbmslam.configuration.parameters import changed
+from tbmslam.configuration.slam_config import PRESETS, ConfigError, SlamConfig, preset
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_survive_a_round_trip(name):
     config = preset(name)
-    assert config_from_dict(config.model_dump(mode="json")) == config
+    assert changed(config, config.model_dump(mode="json")) == config
 
 
 def test_unknown_preset():
@@ -16,23 +17,23 @@ def test_unknown_preset():
 
 def test_unknown_key_and_wrong_value():
     with pytest.raises(ConfigError, match=r"no parameter 'map.resolutoin': did you mean 'map.resolution'\?"):
-        config_from_dict({"map": {"resolutoin": 0.1}})
+        changed(SlamConfig(), {"map": {"resolutoin": 0.1}})
     with pytest.raises(
         ConfigError, match=r"configuration: map.resolution: Input should be greater than or equal to 0.001 \(got -1\)"
     ):
-        config_from_dict({"map": {"resolution": -1}})
+        changed(SlamConfig(), {"map": {"resolution": -1}})
 
 
 def test_a_part_of_the_tracker_needs_no_kind():
-    assert config_from_dict({"tracker": {"max_points": 300}}).tracker.max_points == 300
+    assert changed(SlamConfig(), {"tracker": {"max_points": 300}}).tracker.max_points == 300
 
 
 def test_a_part_of_a_preset_keeps_the_rest_of_it():
-    assert config_from_dict({"preset": "viny", "seed": 3}) == preset("viny").model_copy(update={"seed": 3})
+    assert changed(preset("viny"), {"seed": 3}) == preset("viny").model_copy(update={"seed": 3})
 
 
 def test_once_per_scan_excludes_blur_and_means():
     with pytest.raises(ConfigError, match=r"wall_blur must be 0 with insertion.once_per_scan"):
-        config_from_dict({"map": {"sensor_model": {"wall_blur": 0.3}}})
+        changed(SlamConfig(), {"map": {"sensor_model": {"wall_blur": 0.3}}})
     with pytest.raises(ConfigError, match=r"combination must be 'conjunctive' with insertion.once_per_scan"):
-        config_from_dict({"map": {"sensor_model": {"combination": "mean"}}})
+        changed(SlamConfig(), {"map": {"sensor_model": {"combination": "mean"}}})

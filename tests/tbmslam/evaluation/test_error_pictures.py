@@ -17,7 +17,7 @@ def colour_at(picture, x, y):
 
 
 def test_small_errors_are_blue_and_large_ones_red():
-    picture = draw_trajectory_errors(LINE, np.linspace(0.0, 0.3, 200), "m")
+    picture = draw_trajectory_errors(LINE, np.linspace(0.0, 0.3, 200))
     blue, red = colour_at(picture, 2.0, 0.0), colour_at(picture, 10.0, 0.0)
     assert blue[0] > blue[2] + 50
     assert red[2] > red[0] + 50
@@ -25,8 +25,8 @@ def test_small_errors_are_blue_and_large_ones_red():
 
 
 def test_no_error_at_all_and_a_single_point_can_be_drawn():
-    assert draw_trajectory_errors(LINE, np.zeros(200), "m").shape[2] == 3
-    assert draw_trajectory_errors(LINE[:1], np.ones(1), "deg").min() < 255
+    assert draw_trajectory_errors(LINE, np.zeros(200)).shape[2] == 3
+    assert draw_trajectory_errors(LINE[:1], np.ones(1)).min() < 255
 
 
 def test_walls_lie_beneath_where_they_are():
@@ -34,7 +34,7 @@ def test_walls_lie_beneath_where_they_are():
     labels[10:30, 10:110] = FREE
     labels[30, 10:110] = OCCUPIED  # a wall at y = 1.05 above the line
     geometry = GridGeometry(0.1, -1.0, -2.0, 40, 120)
-    picture = draw_trajectory_errors(LINE, np.zeros(200), "m", Backdrop(labels, geometry))
+    picture = draw_trajectory_errors(LINE, np.zeros(200), Backdrop(labels, geometry))
     scale = (1600 - 40) / 12.0
     row = int((2.0 - 1.05) * scale) + 20
     assert (picture[row] == 130).all(axis=1).sum() == pytest.approx(10.0 * scale, abs=2)
@@ -62,8 +62,8 @@ def test_a_picture_survives_its_file():
 
 def test_what_does_not_belong_together():
     with pytest.raises(ValueError, match="points and errors must agree in length above 0, got 200, 3"):
-        draw_trajectory_errors(LINE, np.zeros(3), "m")
+        draw_trajectory_errors(LINE, np.zeros(3))
     with pytest.raises(ValueError, match="points and errors must agree in length above 0, got 0, 0"):
-        draw_trajectory_errors(LINE[:0], np.zeros(0), "m")
+        draw_trajectory_errors(LINE[:0], np.zeros(0))
     with pytest.raises(ValueError, match="labels and truth must have the same shape"):
         draw_map_errors(np.zeros((1, 2), np.uint8), np.zeros((2, 1), np.uint8))

@@ -6,7 +6,8 @@ import pytest
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.faults import Fault, inject
-from tbmslam.configuration.slam_config import config_from_dict
+from tbmslam.configuration.parameters import changed
+from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.blocked_beams import BlockedBeams, BlockedBeamsConfig, BlockedSpans, LaserView, directions
@@ -295,7 +296,7 @@ def test_a_covered_laser_without_odometry_is_placed_wrongly_if_its_beams_count(d
     )
 
     def ate_m(is_enabled):
-        slam = Slam(config_from_dict({"blocked_beams": {"enabled": is_enabled}}))
+        slam = Slam(changed(SlamConfig(), {"blocked_beams": {"enabled": is_enabled}}))
         for reading in covered.readings:
             slam.process(replace(reading, T_odom_robot=None, T_odom_swept=None))
         return align_trajectories(covered.truth, slam.finish().drives[0].trajectory).ate_m

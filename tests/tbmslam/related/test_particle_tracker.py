@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tbmslam.belief.evidence_grid import GridTooLargeError
-from tbmslam.configuration.slam_config import config_from_dict, preset
+from tbmslam.configuration.parameters import changed
+from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.kernels.grids.tiles import TILE
 from tbmslam.related.particle_tracker import Ancestry, ParticleTracker, ParticleTrackerConfig, TileMaps
@@ -51,7 +52,7 @@ def test_the_path_is_that_of_the_best_ones_ancestors():
 def config_of(**changes):
     values = preset("particles").model_dump()
     values["tracker"] |= {"particles": 6} | changes
-    return config_from_dict(values)
+    return changed(SlamConfig(), values)
 
 
 def mapped(readings, config, kind=Slam):

@@ -13,11 +13,12 @@ def scan(ranges, angle_min=-math.pi / 2, increment=math.pi / 2):
 
 
 def test_beams_point_where_the_first_angle_and_the_step_say():
-    np.testing.assert_allclose(scan([1.0, 1.0, 1.0]).angles(), [-math.pi / 2, 0.0, math.pi / 2])
+    np.testing.assert_allclose(scan([1.0, 1.0, 1.0]).hit_points(), [[0.0, -1.0], [1.0, 0.0], [0.0, 1.0]], atol=1e-12)
 
 
 def test_an_upside_down_laser_turns_the_other_way():
-    np.testing.assert_allclose(scan([1.0, 1.0], math.pi / 2, -math.pi).angles(), [math.pi / 2, -math.pi / 2])
+    points = scan([1.0, 1.0], math.pi / 2, -math.pi).hit_points()
+    np.testing.assert_allclose(points, [[0.0, 1.0], [0.0, -1.0]], atol=1e-12)
 
 
 def test_only_finite_ranges_hit():

@@ -43,9 +43,8 @@ def test_without_odometry_time_takes_the_place_of_distance():
 
 
 def test_distance_adds_up_over_readings():
-    scan = LaserScan(0.0, 0.0, 0.1, 0.0, 10.0, np.ones(3))
     poses = [SE2(0, 0, 0), SE2(3, 4, 1), None, SE2(9, 9, 0), SE2(9, 10, 0)]
-    itinerary = Itinerary.of([Reading(scan, pose) for pose in poses])
+    itinerary = Itinerary.from_poses(range(5), poses)
     np.testing.assert_allclose(itinerary.travelled, [0, 5, 5, 5, 6])
 
 

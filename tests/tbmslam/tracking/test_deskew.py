@@ -11,7 +11,8 @@ from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 from tbmslam.belief.evidence_grid import EvidenceGrid
-from tbmslam.configuration.slam_config import config_from_dict
+from tbmslam.configuration.parameters import changed
+from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
@@ -36,13 +37,15 @@ small = st.floats(-0.4, 0.4)
 def test_hits_lie_where_the_beams_of_the_moving_laser_end(T_robot_swept, beams, seed):
     ranges = np.random.default_rng(seed).uniform(0.5, 9.0, beams)
     moved = deskewed(scan(ranges, 0.5), T_robot_swept, MOUNT, CONFIG)
-    for beam, (point, start) in enumerate(zip(moved.hit_points(), np.resize(moved.starts(), (beams, 2)), strict=True)):
+    start = SE2.identity()
+    for beam, point in enumerate(moved.hit_points()):
         T_robot_then = SE2.identity().interpolate(T_robot_swept, beam / (beams - 1))
         laser = MOUNT.inverse() @ T_robot_then @ MOUNT
         angle = -1.0 + 0.01 * beam
         end = ranges[beam] * np.array([math.cos(angle), math.sin(angle)])
         np.testing.assert_allclose(point, laser.apply(end), atol=1e-9)
-        np.testing.assert_allclose(start, [laser.x, laser.y], atol=1e-9)
+        np.testing.assert_allclose([start.x, start.y], [laser.x, laser.y], atol=1e-9)
+        start = start @ moved.beam_step
 
 
 @pytest.mark.parametrize(
@@ -74,7 +77,7 @@ def test_the_map_is_drawn_from_where_the_beams_were_sent():
     moved = deskewed(still, SE2(0.0, 1.0, 0.0), SE2.identity(), CONFIG)
     keyframes = Keyframes.from_scans([moved], [SE2(0.013, 0.013, 0.0)], [SE2.identity()])
     assert keyframes.scan(0).beam_step == moved.beam_step
-    config = config_from_dict({}).map
+    config = changed(SlamConfig(), {}).map
     grid = render([keyframes], config)
     wall = grid.masses[:, -1, 2] > grid.masses[:, -1, 1]
     assert len(wall) == 21
@@ -100,7 +103,7 @@ def turning_robot():
 
 
 def ate(robot, readings, **config):
-    slam = Slam(config_from_dict(config))
+    slam = Slam(changed(SlamConfig(), config))
     for reading in readings:
         slam.process(reading)
     return align_trajectories(robot.truth, slam.finish().drives[0].trajectory).ate_m

@@ -20,7 +20,7 @@ def test_the_default_is_statas_laser():
     scan = scan_of(SimulatedLaser())
     assert len(scan.ranges) == 1040
     assert scan.angle_min == pytest.approx(-2.26892805)
-    assert scan.angles()[-1] == pytest.approx(2.26456, abs=1e-4)
+    assert scan.angle_min + 1039 * scan.angle_increment == pytest.approx(2.26456, abs=1e-4)
     assert (scan.stamp, scan.range_max) == (5.0, 30.0)
 
 
