@@ -5,7 +5,7 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
 from tbmslam.configuration.slam_config import preset
 from tbmslam.slam import Slam
-from tbmslam.timed_slam import STAGES, StageClock, TimedSlam
+from tbmslam.timed_slam import TimedSlam
 
 
 @pytest.fixture(scope="module")
@@ -22,12 +22,4 @@ def test_it_maps_as_the_plain_one_does_and_every_part_is_timed(name, readings):
     expected, found = plain.finish(), timed.finish()
     np.testing.assert_array_equal(found.grid.masses, expected.grid.masses)
     np.testing.assert_array_equal(found.drives[0].trajectory.poses, expected.drives[0].trajectory.poses)
-    assert all(timed.clock.seconds[stage] > 0.0 for stage in STAGES)
-
-
-def test_a_call_that_fails_is_timed_too():
-    clock = StageClock()
-    with pytest.raises(ZeroDivisionError):
-        clock.timed("matching", divmod, 1, 0)
-    assert clock.seconds["matching"] > 0.0
-    assert clock.timed("closing", divmod, 7, 2) == (3, 1)
+    assert min(timed.seconds.values()) > 0.0

@@ -25,7 +25,7 @@ from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.trajectory_file import read_reference
 from tbmslam.map.drive import Drive
 from tbmslam.sensing.laser_scan import Reading
-from tbmslam.timed_slam import STAGES, TimedSlam
+from tbmslam.timed_slam import TimedSlam
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.benchmarks.recordings import RecordingSpec, beside
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
@@ -64,10 +64,7 @@ class SlamRun:
     keyframes: int
     """Numbers of scans, of beams of the largest scan, and of keyframes."""
     duration_s: float
-    length_m: float
-    """Duration and length of the drive."""
-    start_s: float
-    """CPU time of imports and of loading compiled code; not part of other figures."""
+    """Duration of the drive."""
     reading_s: float
     """CPU time of reading the recording."""
     mapping_s: float
@@ -75,14 +72,11 @@ class SlamRun:
     matching_s: float
     inserting_s: float
     finishing_s: float
-    closing_s: float
-    """CPU time of registration, of updating the tracker, of the end of the drive, and of closing loops (within
-    that)."""
+    """CPU time of registration, of updating the tracker, and of the end of the drive."""
     wall_s: float
     """Wall time from the first scan to the map."""
-    start_memory_mb: float
     peak_memory_mb: float
-    """Peak memory of the process after the warm-up, and at the end."""
+    """Peak memory of the process."""
     translation_error_m: float | None = None
     rotation_error_deg: float | None = None
     """Mean errors against the relations beside the recording; None without."""
@@ -121,14 +115,13 @@ def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
     config = preset(preset_name)
     recording = open_recording([spec.path], spec.options)
     warm_up(config, recording)
-    start_s, start_memory_mb, began = time.process_time(), peak_memory_mb(), time.perf_counter()
-    slam, clock, beams = TimedSlam(config), CpuClock(), 0
+    slam, clock, beams, began = TimedSlam(config), CpuClock(), 0, time.perf_counter()
     for block in _blocks(recording, clock):
         with clock.during("processing"):
             for reading in block:
                 slam.process(reading)
         beams = max(beams, *(len(reading.scan.ranges) for reading in block))
-    in_tracker = {stage: slam.clock.seconds[stage] * clock.cpu_share("processing") for stage in STAGES}
+    share = clock.cpu_share("processing")
     with clock.during("finishing"):
         drive = slam.finish().drives[0]
     trajectory = drive.trajectory
@@ -137,16 +130,12 @@ def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
         beams=beams,
         keyframes=len(drive.keyframes),
         duration_s=float(np.ptp(trajectory.stamps)),
-        length_m=trajectory.driven(),
-        start_s=start_s,
         reading_s=clock.cpu["reading"],
         mapping_s=clock.cpu["processing"] + clock.cpu["finishing"],
-        matching_s=in_tracker["matching"],
-        inserting_s=in_tracker["inserting"],
+        matching_s=slam.seconds["matching"] * share,
+        inserting_s=slam.seconds["inserting"] * share,
         finishing_s=clock.cpu["finishing"],
-        closing_s=slam.clock.seconds["closing"] * clock.cpu_share("finishing"),
         wall_s=time.perf_counter() - began,
-        start_memory_mb=start_memory_mb,
         peak_memory_mb=peak_memory_mb(),
         **_errors(spec, drive),
     )
