@@ -126,10 +126,6 @@ def _add_merge(merge: argparse.ArgumentParser) -> None:
     merge.add_argument(
         "--resolution", type=number_within(float, 1e-3, 100.0), default=0.05, metavar="M", help="cells (0.05)"
     )
-    merge.add_argument(
-        "--robots", type=number_within(int, 0, MOST_ROBOTS), default=0, metavar="N", help="also merge N robots (0)"
-    )
-    merge.add_argument("--workers", type=_COUNT, default=2, metavar="N", help="processes that align these maps (2)")
     merge.add_argument("--repeat", type=_COUNT, default=5, metavar="N", help="runs of each step; best is shown (5)")
 
 

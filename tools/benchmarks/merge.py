@@ -1,4 +1,4 @@
-"""Cost of a merge by the area of the maps, compared with the paper's program, and cost of merging many robots."""
+"""Cost of a merge by the area of the maps, compared with the paper's program."""
 
 import argparse
 import math
@@ -10,26 +10,22 @@ from typing import TypeVar
 
 import numpy as np
 
-from datasets.synthetic.map_pairs.distortion import Distortion
-from datasets.synthetic.map_pairs.pairs import building_of_area, building_of_world, cut_pairs, room_of
-from merging import align, merge
+from datasets.synthetic.map_pairs.pairs import building_of_area, cut_pairs
+from merging import align
 from merging.config import MergeConfig
 from merging.fusion import canvas_over, fuse, place
 from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.geometry.se2 import SE2
-from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
-from tools.map_pairs import KnownPair, grid_of
+from tools.map_pairs import KnownPair
 
 HEAD = (
     *("area m2", "cells", "features ms", "matching ms", "transform ms", "fusion ms", "sum ms", "CPU ms", "program ms"),
     *("times faster", "by CPU", "align s", "right", "peak MB"),
 )
-
-CREW_HEAD = ("robots", "workers", "merged", "wall s", "peak MB")
 
 NOTES = """\
 Two maps of a building overlap by half. features to CPU: the paper's chain at 0.1 m (keypoints and descriptors of both
@@ -79,33 +75,16 @@ class MergeRun:
         return self.features_ms + self.matching_ms + self.transform_ms + self.fusion_ms
 
 
-@dataclass(frozen=True)
-class CrewRun:
-    """Figures of one merge of many maps: robots, processes, merged maps, wall time, memory of the parent."""
-
-    robots: int
-    workers: int
-    merged: int
-    wall_s: float
-    peak_memory_mb: float
-
-
 def benchmark_merge(args: argparse.Namespace) -> None:
     """Run the benchmark and print the table."""
     machine, runs = describe_machine(), []
     for area in args.areas:
         sys.stderr.write(f"benchmark: {area:g} m2\n")
         runs.append(in_fresh_process(run_merge, area, args.resolution, args.repeat))
-    tables = {"areas": ResultTable(HEAD, [_row(run) for run in runs])}
-    print(text_table(*tables["areas"]))
+    table = ResultTable(HEAD, [_row(run) for run in runs])
+    print(text_table(*table))
     print(NOTES.format(repeat=args.repeat, resolution=args.resolution))
-    crew = in_fresh_process(run_crew, args.robots, args.workers) if args.robots else None
-    if crew is not None:
-        counts = (crew.robots, crew.workers, crew.merged)
-        row = [*map(str, counts), number(crew.wall_s, 1), number(crew.peak_memory_mb, 0)]
-        tables["robots"] = ResultTable(CREW_HEAD, [row])
-        print(text_table(*tables["robots"]))
-    finish(args, machine, tables, {"runs": runs, "crew": crew})
+    finish(args, machine, {"areas": table}, {"runs": runs})
 
 
 def run_merge(area: float, resolution: float, repeat: int) -> MergeRun:
@@ -118,21 +97,6 @@ def run_merge(area: float, resolution: float, repeat: int) -> MergeRun:
     is_right = found.accepted and pair.is_right(found.T_target_source)
     cells = canvas.rows * canvas.cols
     return MergeRun(cells * canvas.resolution**2, cells, *steps, align_cpu_s, is_right, peak_memory_mb())
-
-
-def run_crew(robots: int, workers: int) -> CrewRun:
-    """Merge the maps of robots, each of which saw about a third of one building."""
-    building = building_of_world("office", 1)
-    inside = float((building.occupancy == 0).sum()) * building.resolution**2
-    maps = {}
-    for robot in range(robots):
-        part = room_of(building, inside / 3.0, robot)
-        rng = np.random.default_rng([robot, 5])
-        occupancy = Distortion.draw(rng).distort(part.occupancy, part.resolution, rng).occupancy
-        maps[f"robot_{robot}"] = TbmMap(grid_of(occupancy, part.resolution))
-    begin = time.perf_counter()
-    merged = merge(maps, workers=workers)
-    return CrewRun(robots, workers, len(merged.poses), time.perf_counter() - begin, peak_memory_mb())
 
 
 def _floor_m2(area: float) -> float:

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from tools.benchmark import main
-from tools.benchmarks.merge import MergeRun, run_crew
+from tools.benchmarks.merge import MergeRun
 
 
 @pytest.mark.slow
@@ -21,11 +21,3 @@ def test_a_merge_is_timed_by_area(tmp_path, capsys):
 
 def test_the_sum_is_that_of_the_papers_chain():
     assert MergeRun(1.0, 100, 1.0, 2.0, 3.0, 4.0, 99.0, 99.0, True, 99.0).sum_ms == 10.0
-
-
-@pytest.mark.slow
-def test_robots_of_one_building_are_merged():
-    crew = run_crew(3, 1)
-    assert (crew.robots, crew.workers) == (3, 1)
-    assert 0 <= crew.merged <= 3
-    assert crew.wall_s > 0
