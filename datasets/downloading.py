@@ -2,7 +2,6 @@
 
 import difflib
 import functools
-import hashlib
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import requests
 
 from datasets.errors import DatasetError
 from tbmslam.io.atomic_file import replacing, write_text
+from tbmslam.special_file import sha256_of
 
 Progress = Callable[[int, int | None], None]
 """Called with the number of bytes so far, and the total if known."""
@@ -61,7 +61,7 @@ def download(address: str, target: Path, sha256: str | None = None, progress: Pr
         raise DownloadError(
             f"{address}: the received file {mismatch}: it was removed: check if the file has moved or needs a password"
         )
-    arrived = _digest(part)
+    arrived = sha256_of(part)
     if sha256 is not None and arrived != sha256:
         part.unlink()
         raise DownloadError(
@@ -176,14 +176,9 @@ def _check_existing(target: Path, sha256: str | None) -> None:
     if expected is None:
         if mismatch := _mismatch(target, target.name):
             raise DownloadError(f"{target}: {mismatch}: remove it to download it again")
-        write_text(note, f"{_digest(target)}  {target.name}\n")
-    elif _digest(target) != expected:
+        write_text(note, f"{sha256_of(target)}  {target.name}\n")
+    elif sha256_of(target) != expected:
         raise DownloadError(f"{target}: is not the file that was downloaded: remove it to download it again")
-
-
-def _digest(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _digest_file(target: Path) -> Path:

@@ -1,6 +1,5 @@
 """Finds and opens recordings: detects the kind of their files, chooses the reader, and computes their SHA-256."""
 
-import hashlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from datasets.options import RecordingOptions
 from datasets.recording import Recording
 from datasets.rosbag.bag_files import STORAGE_SUFFIXES
 from datasets.text_files import first_bytes
-from tbmslam.special_file import is_device_or_pipe, why_unreadable
+from tbmslam.special_file import is_device_or_pipe, sha256_of, why_unreadable
 
 _MAGICS = (
     (b"#ROSBAG", "rosbag"),
@@ -159,12 +158,7 @@ def _digest(file: Path) -> dict[str, str | int]:
     try:
         if is_device_or_pipe(file):
             raise DatasetError(f"{file}: is a device or a pipe: give a recording's file or folder")
-        size = file.stat().st_size
-        if not size:  # what passes for empty may have no end
-            return {"name": file.name, "bytes": 0, "sha256": hashlib.sha256().hexdigest()}
-        with file.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256")
-        return {"name": file.name, "bytes": size, "sha256": digest.hexdigest()}
+        return {"name": file.name, "bytes": file.stat().st_size, "sha256": sha256_of(file)}
     except FileNotFoundError:
         raise DatasetError(f"{file}: no such file or directory") from None
     except OSError as error:

@@ -150,7 +150,7 @@ def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[s
     if len(names) == 1:
         return names
     grids = {name: maps[name].grid for name in names}
-    known_m2 = {name: np.count_nonzero(grid.is_known()) * grid.geometry.resolution**2 for name, grid in grids.items()}
+    known_m2 = {name: grid.known_m2() for name, grid in grids.items()}
     return sorted(names, key=lambda name: -known_m2[name])
 
 

@@ -1,5 +1,6 @@
-"""Paths of devices and pipes, which are neither files nor folders."""
+"""Files that may never end: devices, pipes, and what passes for empty; and digests of files that do."""
 
+import hashlib
 from pathlib import Path
 
 
@@ -21,3 +22,11 @@ def why_unreadable(path: Path) -> str | None:
     if is_device_or_pipe(path):
         return "is a device or a pipe"
     return "is empty" if path.is_file() and path.stat().st_size == 0 else None
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal; what passes for empty is not read, since it may have no end."""
+    if not path.stat().st_size:
+        return hashlib.sha256().hexdigest()
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

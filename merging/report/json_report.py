@@ -126,7 +126,7 @@ def _refinement(merge: Merge) -> dict[str, object] | None:
 def _areas(fusion: Fusion) -> dict[str, float]:
     cell_m2 = fusion.grid.geometry.resolution**2
     return {
-        "known_m2": float(fusion.grid.is_known().sum() * cell_m2),
+        "known_m2": fusion.grid.known_m2(),
         "seen_m2": float((fusion.seen_by > 0).sum() * cell_m2),
         "seen_by_several_m2": float((fusion.seen_by > 1).sum() * cell_m2),
         "conflict_m2": float(fusion.conflict.sum(dtype=np.float64) * cell_m2),

@@ -107,8 +107,7 @@ class TbmGrid:
     def summary(self) -> str:
         """Return the size as text."""
         g = self.geometry
-        known_m2 = np.count_nonzero(self.is_known()) * g.resolution**2
-        return f"{g.cols} x {g.rows} cells of {g.resolution:g} m, {known_m2:.1f} m2 known"
+        return f"{g.cols} x {g.rows} cells of {g.resolution:g} m, {self.known_m2():.1f} m2 known"
 
     def _repr_png_(self) -> bytes | None:
         """Return the picture that a notebook shows: free white, occupied black, unknown grey; y grows upwards."""
@@ -163,6 +162,10 @@ class TbmGrid:
         if isinstance(self.cells, TiledMasses):
             return self.cells.known()
         return np.asarray(self.cells[..., UNKNOWN] < 1.0)
+
+    def known_m2(self) -> float:
+        """Return the area of the known cells [m^2]."""
+        return np.count_nonzero(self.is_known()) * self.geometry.resolution**2
 
     def pignistic(self) -> FloatArray:
         """Return the probability (rows, cols) of being occupied."""

@@ -123,11 +123,6 @@ def maps_page(
     )
 
 
-def known_m2(tbm_map: TbmMap) -> float:
-    """Return the known area of a map [m^2]."""
-    return float(tbm_map.grid.is_known().sum()) * tbm_map.grid.geometry.resolution**2
-
-
 def _sheet(name: str, robot: MappedRobot, colour: tuple[int, int, int]) -> Sheet:
     tbm_map = robot.tbm_map
     drives, resolution = tbm_map.drives, tbm_map.grid.geometry.resolution
@@ -143,7 +138,7 @@ def _figures(maps: list[TbmMap]) -> dict[str, str]:
         "scans": f"{sum(len(drive.trajectory) for drive in drives):,}",
         "driven": f"{sum(drive.trajectory.driven() for drive in drives):.0f} m",
         "loops closed": f"{sum(len(drive.closures) for drive in drives):,}",
-        "known area" if len(maps) == 1 else "known area of a map": _range([known_m2(one) for one in maps]),
+        "known area" if len(maps) == 1 else "known area of a map": _range([one.grid.known_m2() for one in maps]),
     }
 
 
@@ -182,6 +177,6 @@ def _row(name: str, robot: MappedRobot, drive: Drive) -> list[str]:
         f"{float(stamps.max() - stamps.min()):.1f}" if len(stamps) else "–",
         str(len(drive.closures)),
         f"{moved:.3f}" if isinstance(moved, float) else "–",
-        f"{known_m2(robot.tbm_map):.1f}",
+        f"{robot.tbm_map.grid.known_m2():.1f}",
         f"{robot.tbm_map.grid.geometry.resolution:g}",
     ]

@@ -229,10 +229,6 @@ class Score:
     verdict: str
     """ok, MISS, LOST or FAILED; a dash for the unperturbed run."""
 
-    def is_miss(self) -> bool:
-        """Return whether the error is too large."""
-        return self.verdict not in ("ok", "-")
-
 
 def benchmark_perturbations(args: argparse.Namespace) -> None:
     """Run what the arguments ask for and print the tables."""
@@ -296,10 +292,15 @@ def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, un
 
 def summary(scores: Sequence[Score]) -> str:
     """Return one line with the numbers of runs, misses and lost runs."""
-    perturbed = [row for row in scores if row.verdict != "-"]
-    misses = [row for row in perturbed if row.is_miss()]
-    lost = sum(row.verdict != "MISS" for row in misses)
-    return f"{len(perturbed)} perturbed runs, {len(misses)} misses, {lost} of them lost or failed"
+    perturbed, misses, lost = _counts(scores)
+    return f"{perturbed} perturbed runs, {misses} misses, {lost} of them lost or failed"
+
+
+def _counts(scores: Sequence[Score]) -> tuple[int, int, int]:
+    """Return the numbers of perturbed runs, of misses, and of those that are lost or failed."""
+    verdicts = [row.verdict for row in scores if row.verdict != "-"]
+    misses = [verdict for verdict in verdicts if verdict != "ok"]
+    return len(verdicts), len(misses), sum(verdict != "MISS" for verdict in misses)
 
 
 def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | MeasurementError]) -> list[Score]:
@@ -311,12 +312,8 @@ def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | Meas
 
 def _overview(name: str, scores: Sequence[Score]) -> list[str]:
     """Return the row of a recording: its unperturbed error, and the numbers of misses."""
-    perturbed = [row for row in scores if row.verdict != "-"]
-    misses = [row for row in perturbed if row.is_miss()]
-    lost = sum(row.verdict != "MISS" for row in misses)
-    worst = max((row.ratio for row in perturbed if row.ratio is not None), default=None)
-    counts = (len(perturbed), len(misses), lost)
-    return [name, number(scores[0].error_m, 4), *map(str, counts), number(worst, 2)]
+    worst = max((row.ratio for row in scores[1:] if row.ratio is not None), default=None)
+    return [name, number(scores[0].error_m, 4), *map(str, _counts(scores)), number(worst, 2)]
 
 
 def _table(scores: Sequence[Score], measure: str) -> ResultTable:

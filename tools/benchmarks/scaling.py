@@ -103,7 +103,7 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
         preset=preset_name,
         length_m=length,
         scans=len(trajectory),
-        seen_m2=float(tbm_map.grid.is_known().sum()) * geometry.resolution**2,
+        seen_m2=tbm_map.grid.known_m2(),
         box_m2=geometry.rows * geometry.cols * geometry.resolution**2,
         cell_m=geometry.resolution,
         matching_us=slam.seconds["matching"] * share * micro,

@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import io
 import itertools
-import math
 import sys
 import tempfile
 import time
@@ -21,7 +20,7 @@ from tbmslam.belief.masses import FREE
 from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement, refine_map_transform
 from tbmslam.evaluation.relations import matching_poses
 from tbmslam.evaluation.trajectory_errors import fit_rigid
-from tbmslam.geometry.se2 import SE2, wrap_angle
+from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps
@@ -29,6 +28,7 @@ from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recordings import as_words
 from tools.command_line.paths import map_folders
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
+from tools.map_pairs import KnownPair
 from tools.mapping.truth_file import NAME as TRUTH_FILE
 from tools.mapping.truth_file import read_truth_file
 
@@ -152,7 +152,8 @@ def _judged(
         if shared >= _SHARED:
             errors = None
             if first in found and second in found:
-                errors = _errors(found[first].inverse() @ found[second], true, maps[second])
+                pair = KnownPair(f"{first}-{second}", maps[first], maps[second], true, shared)
+                errors = pair.errors(found[first].inverse() @ found[second])
             judged.append((first, second, shared, errors))
     return tuple(judged)
 
@@ -163,13 +164,6 @@ def overlap_share(first: TbmMap, second: TbmMap, T_first_second: SE2) -> float:
     there = cell_labels(resample(second.grid, T_first_second, first.grid.geometry)) == FREE
     areas = [float(cells.sum()) * m.grid.geometry.resolution**2 for cells, m in zip(free, (first, second), strict=True)]
     return float((free[0] & there).sum()) * first.grid.geometry.resolution**2 / max(min(areas), 1e-9)
-
-
-def _errors(found: SE2, true: SE2, moved: TbmMap) -> tuple[float, float]:
-    """Return the error of a relative pose at the middle of the second map [m], [deg]."""
-    rows, cols = np.nonzero(moved.grid.is_known())
-    middle = moved.grid.geometry.centre_of(float(rows.mean()), float(cols.mean()))
-    return math.dist(found.apply(middle), true.apply(middle)), abs(math.degrees(wrap_angle(found.theta - true.theta)))
 
 
 def _agreements(merged: TbmMap, undivided: TbmMap) -> tuple[MapAgreement, MapAgreement]:

@@ -1,6 +1,5 @@
 """A folder for the results of one run at a time."""
 
-import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -10,7 +9,7 @@ from filelock import FileLock, SoftFileLock, Timeout
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import map_files
-from tbmslam.special_file import why_unreadable
+from tbmslam.special_file import sha256_of, why_unreadable
 from tools.command_line.paths import EXTRA_FILES
 
 _LOCK = ".tbmslam.lock"
@@ -98,11 +97,6 @@ def changed_files(folder: Path) -> list[str] | None:
 
 def _digest(file: Path) -> str | None:
     try:
-        if not file.is_file():
-            return None
-        if not file.stat().st_size:  # a device has size 0 and may be endless
-            return hashlib.sha256().hexdigest()
-        with file.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+        return sha256_of(file) if file.is_file() else None
     except OSError:
         return None

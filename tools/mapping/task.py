@@ -142,7 +142,7 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
         "keyframes": len(drive.keyframes),
         "duration_s": float(np.ptp(drive.trajectory.stamps)),
         "distance_m": drive.trajectory.driven(),
-        "known_area_m2": float(tbm_map.grid.is_known().sum()) * tbm_map.grid.geometry.resolution**2,
+        "known_area_m2": tbm_map.grid.known_m2(),
         "loops_closed": len(drive.closures),
         "correction_m": slam.correction_m,
     }
