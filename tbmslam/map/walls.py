@@ -21,10 +21,10 @@ from tbmslam.kernels.grids.walls import (
     YY,
     Limits,
     Walls,
-    classify_walls,
     compare_walls,
-    see_through_walls,
 )
+from tbmslam.kernels.grids.walls import classify_walls as classify
+from tbmslam.kernels.grids.walls import see_through_walls as see_through
 
 __all__ = ["AGREED", "COMPARED", "CONFLICTING", "SQUARES", "UNSEEN", "XX", "XY", "YY", "Walls"]
 __all__ += ["AGREES", "CONFLICTS", "NEITHER", "NOT_SEEN", "OUTSIDE", "classify", "compare", "see_through", "slide"]
@@ -39,16 +39,6 @@ def compare(moving: Walls, some: Indices, fixed: Walls, motions: list[SE2], limi
     SQUARES of their distances [m^2].
     """
     return compare_walls(moving, some, fixed, np.array(motions, dtype=np.float64).reshape(-1, 3), limits)
-
-
-def classify(moving: Walls, some: Indices, fixed: Walls, T_fixed_moving: SE2, limits: Limits) -> npt.NDArray[np.uint8]:
-    """Return the class of some walls (K,) of the moving map, see `classify_walls`: AGREES, CONFLICTS and so on."""
-    return classify_walls(moving, some, fixed, T_fixed_moving, limits)
-
-
-def see_through(moving: Walls, fixed: Walls, T_fixed_moving: SE2, reach_m: float) -> npt.NDArray[np.bool_]:
-    """Return which walls (N,) of one map another map saw through: it has free space up to a distance on both sides."""
-    return see_through_walls(moving, fixed, T_fixed_moving, reach_m)
 
 
 def slide(
