@@ -170,8 +170,8 @@ _Blocks: TypeAlias = "Queue[list[Reading] | BaseException]"
 def read_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
     """Yield the same readings in the same order, read by a thread of its own.
 
-    Decompressing a bag, and compiled code that uses the readings, leave Python to the other thread. What goes wrong
-    in reading is raised here, after the readings before it.
+    Decompressing a bag, and compiled code that uses the readings, leave Python to the other thread. An error of the
+    reader is raised here, after the readings before it.
     """
     blocks: _Blocks = Queue(_MOST_BLOCKS)
     stopped = Event()

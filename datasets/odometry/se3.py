@@ -36,7 +36,7 @@ class SE3(NamedTuple):
 
     @classmethod
     def from_planar(cls, pose: SE2) -> "SE3":
-        """Lift a motion of the plane."""
+        """Return a planar motion as a motion in space, with z = 0."""
         return cls(pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta))
 
     def __matmul__(self, other: "SE3") -> "SE3":

@@ -1,4 +1,4 @@
-"""Pairs each scan with the odometry of its moment, in one pass and with bounded memory.
+"""Odometry at the stamp of each scan, in one pass and with bounded memory.
 
 Odometry poses are buffered until those around a scan are known, and interpolated at the stamp of the scan.
 """

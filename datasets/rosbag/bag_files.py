@@ -39,7 +39,7 @@ class CutFileError(ValueError):
 def check_files(path: Path) -> None:
     """Refuse a database that is shorter than it states: sqlite would read zeros where its last page is cut off.
 
-    And what passes for an empty file, since reading it might never end.
+    Files that appear empty are refused too, since some files of the system do and reading them might never end.
     """
     for file in [path / "metadata.yaml", *storage_files(path)] if path.is_dir() else [path]:
         if why := why_unreadable(file):
@@ -113,7 +113,7 @@ def _unpack(path: Path) -> UnpackedFile:
 def _next_piece(packed: BufferedIOBase) -> bytes | str:
     """Return the next bytes, none at the end; or the fault of the compression as text."""
     try:
-        return packed.read1(_PIECE)  # of a cut file all that is there
+        return packed.read1(_PIECE)  # unlike `read`, it also returns the last bytes of a file that was cut off
     except EOFError:
         return "the packed file is cut off"
     except (OSError, zlib.error, lzma.LZMAError) as error:

@@ -97,7 +97,7 @@ class BagFiles:
         return clouds
 
     def slice_clouds(self, cut: CloudSlice) -> None:
-        """Have every point cloud from now on become a scan."""
+        """Read point clouds as scans from now on: each by this slice."""
         self._cut = cut
 
     def check_for_robots(self, scan_topic: str) -> None:

@@ -139,7 +139,7 @@ _BEHIND_POSE = 8 * (36 + 6 + 36)
 
 
 class NotAsUsualError(ValueError):
-    """Bytes are not as this module reads them, which a library may still do."""
+    """The bytes of a message are not as usual: only a library may be able to read them."""
 
 
 def reader_of(msgtype: str, *, is_cdr: bool) -> Callable[[bytes], Content] | None:

@@ -100,7 +100,7 @@ class _Pass:
             logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, known)
 
     def _take(self, message: Message, cleaned: Iterator[CleanScan]) -> None:
-        """Hand a message to where it belongs."""
+        """Add the scan, the transforms or the odometry of a message; count what cannot be read."""
         content, unset = message.content, message.bag_time - self._plan.unset_lags[1]
         if isinstance(content, FramedScan):
             self._take_scan(content, message.bag_time, next(cleaned))
@@ -116,7 +116,7 @@ class _Pass:
                 self._motion.add(item.stamp_or(unset), item.pose)
 
     def _take_scan(self, framed: FramedScan, bag_time: float, clean: CleanScan) -> None:
-        """Let a clean scan wait for its odometry."""
+        """Correct the stamp of a clean scan and queue the scan until its odometry is known."""
         if plain(framed.frame) != self._plan.laser.frame:
             self._counts.scans_read += 1
             self._counts.drop("other_frame")

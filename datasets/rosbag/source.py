@@ -1,4 +1,4 @@
-"""One bag as raw messages: through rosbags where it is sound, salvaged where it is damaged."""
+"""Raw messages of a bag: read by rosbags if it is intact, otherwise salvaged from the damaged file."""
 
 import logging
 import struct

@@ -47,7 +47,7 @@ def is_plain_odom(name: str, scan: str) -> bool:
 
 
 def _namespace(name: str) -> tuple[str, ...]:
-    """Return the names before a topic's own."""
+    """Return the parts of a topic's name before the last."""
     return tuple(name.strip("/").split("/")[:-1])
 
 
@@ -62,7 +62,7 @@ class ChosenTopics(NamedTuple):
     odometry: tuple[str, ...]
 
     def all(self) -> tuple[str, ...]:
-        """Return all of them."""
+        """Return the names of all chosen topics."""
         return (self.scan, *self.transforms, *self.odometry)
 
 
@@ -79,7 +79,7 @@ def choose_topics(files: BagFiles, options: RecordingOptions) -> ChosenTopics:
 
 
 def is_static(topic: str) -> bool:
-    """Return whether the transforms of a topic hold for good."""
+    """Return whether the transforms of a topic are constant."""
     return topic.endswith("tf_static")
 
 
