@@ -17,8 +17,6 @@ from datasets.salvage.salvaged_bag import BagConnection
 _KEPT_CHUNKS = 6
 _SIZE = struct.Struct("<I")
 _TIME_AND_SIZE = struct.Struct("<III")
-_INDEX_ENTRY = struct.Struct("<III")
-_INDEX_HEAD_SIZE = 55
 _OP, _CONNECTION, _TIME = b"\x04\x00\x00\x00op=\x02", b"\x09\x00\x00\x00conn=", b"\x0d\x00\x00\x00time="
 _HEADER_SIZE = len(_OP) + len(_CONNECTION) + 4 + len(_TIME) + 8
 _BEFORE_DATA = 4 + _HEADER_SIZE + 4
@@ -34,28 +32,6 @@ class RawMessage(NamedTuple):
     connection: BagConnection
     time: int
     data: bytes
-
-
-class IndexReader(Reader):
-    """Reads the index of a bag as rosbags does, in half the time."""
-
-    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """Add where messages of a connection lie in the chunk at `pos`.
-
-        rosbags learns from the first record how the others begin, and raises anything where one does not.
-        """
-        if self.bio is not None and self.index_data_header_offsets is not None:
-            begin = self.bio.tell()
-            head = self.bio.read(_INDEX_HEAD_SIZE)
-            if len(head) == _INDEX_HEAD_SIZE:
-                connection, count = (_SIZE.unpack_from(head, place)[0] for place in self.index_data_header_offsets)
-                (size,) = _SIZE.unpack_from(head, _INDEX_HEAD_SIZE - _SIZE.size)
-                if size == count * _INDEX_ENTRY.size and len(data := self.bio.read(size)) == size:
-                    entries = _INDEX_ENTRY.iter_unpack(data)
-                    indexes[connection] += [IndexData(s * 10**9 + ns, pos, offset) for s, ns, offset in entries]
-                    return
-            self.bio.seek(begin)
-        super().read_index_data(pos, indexes)
 
 
 class IndexedMessages:

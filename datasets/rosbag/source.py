@@ -12,7 +12,7 @@ from rosbags import rosbag1
 
 from datasets.errors import DatasetError
 from datasets.rosbag.bag_files import CutFileError, UnpackedFile, check_files, is_ros1, storage_files, unpacked
-from datasets.rosbag.indexed_messages import IndexedMessages, IndexReader, RawMessage, plain
+from datasets.rosbag.indexed_messages import IndexedMessages, RawMessage, plain
 from datasets.salvage.salvaged_bag import BagAnnouncement, Loss, SalvagedBag, announced_by
 from tbmslam.special_file import why_unreadable
 
@@ -62,7 +62,7 @@ class OpenBag:
 
 def _opened(path: Path, is_ros1: bool) -> "rosbag1.Reader | rosbag2.Reader":
     if is_ros1:
-        reader = IndexReader(path)
+        reader = rosbag1.Reader(path)
         reader.open()
         return reader
     from rosbags import rosbag2  # noqa: PLC0415 - slow to load, and a bag of ROS 1 does not need it

@@ -2,11 +2,10 @@
 
 import struct
 
-import numpy as np
 import pytest
 from rosbags import rosbag1
 
-from datasets.rosbag.indexed_messages import IndexedMessages, IndexReader
+from datasets.rosbag.indexed_messages import IndexedMessages
 
 TIME, OP = b"\x0d\0\0\0time=", b"\x04\0\0\0op=\x02"
 
@@ -89,34 +88,3 @@ def test_steps_back_are_those_of_one_topic(bag):
         indexed = IndexedMessages(reader)
         assert not indexed.steps_back(reader.connections, "/tf")
         assert not indexed.steps_back(reader.connections, "/scan")
-
-
-@pytest.mark.parametrize("kind", ["none", "bz2"])
-def test_the_index_is_that_of_rosbags(bag, kind):
-    path = bag(kind)
-    with rosbag1.Reader(path) as reader, IndexReader(path) as quick:
-        assert {c: list(map(tuple, index)) for c, index in quick.indexes.items()} == {
-            c: list(map(tuple, index)) for c, index in reader.indexes.items()
-        }
-        assert [each[:6] for each in quick.connections] == [each[:6] for each in reader.connections]
-
-
-def opened(kind, path):
-    """Return what opening a bag gives: its index, or the error."""
-    try:
-        with kind(path) as reader:
-            return {c: list(map(tuple, index)) for c, index in reader.indexes.items()}
-    except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged bytes
-        return repr(error)
-
-
-def test_a_damaged_index_gives_the_same_error(bag):
-    path = bag("bz2")
-    whole, rng = path.read_bytes(), np.random.default_rng(5)
-    place = whole.index(b"op=\x04")
-    for number in range(60):
-        damaged = bytearray(whole)
-        for where in rng.integers(place - 20, len(whole), 3):
-            damaged[where] = int(rng.integers(256))
-        path.write_bytes(damaged[: int(rng.integers(place, len(whole)))] if number % 4 == 0 else damaged)
-        assert opened(IndexReader, path) == opened(rosbag1.Reader, path)
