@@ -11,13 +11,16 @@ other maps; `tools/benchmark.py align` measures the calibration. Real drives are
 of a degree.
 """
 
+import base64
+import html
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from merging.config.registration import ExactnessConfig
+from merging.pair_picture import CAPTION, ComparedGrids
 from merging.verification import Evidence
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
@@ -117,6 +120,8 @@ class Alignment:
         Other likely poses, the most likely first.
     evidence
         The evidence for and against it; None if there is no transform.
+    compared
+        The grids for the picture in a notebook; None if they were not kept.
     """
 
     method: str
@@ -160,6 +165,8 @@ class Alignment:
     """Other likely poses, the most likely first."""
     evidence: Evidence | None = None
     """The evidence for and against it; None if there is no transform."""
+    compared: ComparedGrids | None = field(default=None, compare=False)
+    """The grids for the picture in a notebook; None if they were not kept."""
 
     def __repr__(self) -> str:
         """Return one line: the pose of the source in the target's frame, and the reason."""
@@ -168,6 +175,21 @@ class Alignment:
             return f"Alignment({verdict}: {self.reason})"
         x, y, degrees = format_pose(self.T_target_source)
         return f"Alignment({verdict}, x {x} m, y {y} m, turned {degrees} degrees: {self.reason})"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: decision, confidence and reason, and the walls of both maps at the pose."""
+        verdict, place = ("Accepted" if self.accepted else "Refused"), ""
+        if self.T_target_source is not None:
+            x, y, degrees = format_pose(self.T_target_source)
+            place = f" The source lies at x {x} m, y {y} m, turned {degrees}°, in the frame of the target."
+        text = f"<p><b>{verdict}, confidence {html.escape(format_confidence(self.confidence))}.</b>{place}</p>"
+        text += f"<p>{html.escape(self.reason[:1].upper() + self.reason[1:])}.</p>"
+        if self.T_target_source is None or self.compared is None:
+            return text
+        data = base64.b64encode(self.compared.png(self.T_target_source)).decode("ascii")
+        caption = CAPTION.format(target="the target", source="the source")
+        below = f"{caption} {self.compared.note}".rstrip()
+        return f'{text}<img alt="{caption}" src="data:image/png;base64,{data}"><p><small>{below}</small></p>'
 
     def at(self, T_target_source: SE2, evidence: Evidence, confidence: float, covariance: Covariance) -> "Alignment":
         """Return the alignment with a pose, its evidence, probability and covariance."""
@@ -191,7 +213,11 @@ class Alignment:
         covariance = _reversed(self.covariance, self.T_target_source)
         alternatives = tuple(hypothesis.reversed() for hypothesis in self.alternatives)
         return replace(
-            self, T_target_source=self.T_target_source.inverse(), covariance=covariance, alternatives=alternatives
+            self,
+            T_target_source=self.T_target_source.inverse(),
+            covariance=covariance,
+            alternatives=alternatives,
+            compared=None if self.compared is None else self.compared.reversed(),
         )
 
     def hypotheses(self) -> tuple[PoseHypothesis, ...]:
@@ -214,8 +240,8 @@ class Alignment:
 
     def as_json(self) -> dict[str, object]:
         """Return the fields as JSON can hold them; transforms as [x m, y m, theta rad] or None."""
-        values = asdict(self)
-        del values["starts"], values["decoys"]
+        values = asdict(replace(self, compared=None))  # `asdict` would copy the grids
+        del values["starts"], values["decoys"], values["compared"]
         values["T_target_source"] = None if self.T_target_source is None else list(self.T_target_source)
         # The scale is not a number if all inliers lie at one point.
         values["scale"] = self.scale if self.scale is not None and math.isfinite(self.scale) else None

@@ -14,6 +14,8 @@ from merging.merge_state import MergeState, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.search import NonrigidRegistration, align_deformable, register_pairs
+from merging.pair_picture import EVIDENCE_GRIDS
+from merging.pairwise import with_picture
 from merging.pose_priors import place_by_priors
 from merging.rounds import with_pairs_aligned, with_short_range_alignments
 from tbmslam.belief.grid import TbmGrid
@@ -106,7 +108,8 @@ def merge(
     found = without_refuted_bridges(found, config, executor)
     found = _with_deformed_maps(found, register_pairs(found, config, executor))
     group = found.groups[0]
-    return _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
+    done = _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
+    return _with_pictures(done, maps, config)
 
 
 def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
@@ -124,14 +127,25 @@ def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> 
 
     Returns
     -------
-    The alignment; a refused one has a reason.
+    The alignment; a refused one has a reason. A notebook shows it as a picture.
 
     Raises
     ------
     CellSizeError
         If the maps cannot be brought into cells of one size.
     """
-    return align_deformable(target, source, config or MergeConfig())
+    config = config or MergeConfig()
+    found = align_deformable(target, source, config)
+    return with_picture(found, (target.grid, source.grid), config)
+
+
+def _with_pictures(done: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> Merge:
+    own = {pair: (maps[pair[0]].grid, maps[pair[1]].grid) for pair in done.alignments} | {**done.evidence_grids}
+    notes = dict.fromkeys(done.evidence_grids, EVIDENCE_GRIDS)
+    drawn = {
+        pair: with_picture(found, own[pair], config, notes.get(pair, "")) for pair, found in done.alignments.items()
+    }
+    return replace(done, alignments=drawn)
 
 
 def _grouped(

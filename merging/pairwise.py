@@ -4,6 +4,7 @@ import itertools
 import logging
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.fusion import CellSizeError
+from merging.pair_picture import ComparedGrids
 from merging.rigid_alignment import PreparedMap, align_prepared, comparison_resolution, prepared
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.tiled_masses import SIDE, Place, TiledMasses
@@ -136,3 +138,10 @@ def _calls(pairs: Sequence[Pair], grids: Mapping[str, TbmGrid], config: MergeCon
 
 def _prepared(name: str, sent: CompressedGrid, resolution: float, config: MergeConfig) -> PreparedMap | None:
     return prepared_by_name(name, sent.grid, resolution, config)
+
+
+def with_picture(found: Alignment, grids: tuple[TbmGrid, TbmGrid], config: MergeConfig, note: str = "") -> Alignment:
+    """Return an alignment that a notebook draws with the given grids (target, source)."""
+    note = note or ("The picture shows both maps undeformed." if found.bent_m > 0.0 else "")
+    resolution = comparison_resolution(list(grids), config)
+    return replace(found, compared=ComparedGrids(*grids, resolution, config, note))

@@ -161,3 +161,11 @@ def test_a_wall_of_one_cell_is_as_long_as_the_cell():
     across = math.sqrt(seen_from(exact(one), SE2(-1.25, -1.25, 0.0))[1][1])
     across_m = (0.5 / CONFIG.wall_m**2 + CONFIG.place_m**-2) ** -0.5
     assert across == pytest.approx(math.hypot(across_m, CONFIG.bend_m), rel=1e-6)
+
+
+def test_an_alignment_without_grids_is_words_in_a_notebook():
+    reason = "0.2 < 0.85 & so on"
+    shown = Alignment("correlation", False, reason, confidence=0.2)._repr_html_()
+    assert shown == "<p><b>Refused, confidence 0.200.</b></p><p>0.2 &lt; 0.85 &amp; so on.</p>"
+    assert "<img" not in FOUND._repr_html_()
+    assert "x 3.000 m, y -2.000 m, turned 57.30°" in FOUND._repr_html_()

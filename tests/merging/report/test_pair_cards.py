@@ -10,8 +10,8 @@ from merging.alignment import Alignment, PoseHypothesis
 from merging.config.registration import StructureConfig, VerificationConfig
 from merging.fusion import warp
 from merging.merger import Merge
+from merging.pair_picture import draw_alone, draw_pair
 from merging.report import pair_cards
-from merging.report.pair_cards import draw_alone, draw_pair
 from merging.verification import examine
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
