@@ -62,9 +62,9 @@ def _kind(path: Path) -> str:
         with path.open("rb") as stream:
             head = stream.read(4096)
     except FileNotFoundError:
-        raise DatasetError(f"{path}: no such file or directory") from None
+        raise DatasetError(f"{path}: no such file or directory: check the path") from None
     except OSError as error:
-        raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
+        raise DatasetError(f"{path}: cannot be read: {error.strerror}: check its permissions") from error
     for magic, kind in _MAGICS:
         if head.startswith(magic):
             return kind
@@ -74,7 +74,7 @@ def _kind(path: Path) -> str:
     if any(head.startswith(magic) for magic, _ in _MAGICS):
         return "rosbag"
     if b"\0" in head:
-        raise DatasetError(f"{path}: neither a ROS bag nor a CARMEN log")
+        raise DatasetError(f"{path}: is neither a ROS bag nor a CARMEN log: give a laser recording")
     return "carmen"
 
 

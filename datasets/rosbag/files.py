@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Collection, Iterator, Sequence
 from heapq import merge
-from itertools import combinations, islice
+from itertools import combinations, islice, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +15,9 @@ from datasets.salvage.salvaged_bag import BagConnection, Loss
 
 _MOST = 0.5
 """Least shares of the shorter bag's time, and of equal scans, for two bags of one drive; parts overlap by less."""
+
+_LONG_PAUSE_NS = 600 * 10**9
+"""Time between the files of one drive that causes a warning: a recorder begins a new file within seconds."""
 
 
 def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
@@ -104,6 +107,16 @@ class BagFiles:
         """Refuse files that hold different scans from the same time."""
         if len(self._sources) > 1:
             check_for_robots(self._sources, scan_topic)
+
+    def pauses(self) -> list[str]:
+        """Return a warning for each long pause between two files."""
+        known = sorted((source.span, source.path) for source in self._sources if source.span is not None)
+        return [
+            f"{after} begins {1e-9 * (then[0] - before[1]):.0f} s after the end of {path}: "
+            "if they are two drives, pass --separate"
+            for (before, path), (then, after) in pairwise(known)
+            if then[0] - before[1] > _LONG_PAUSE_NS
+        ]
 
     def messages(self, topics: Collection[str], steered_by: str) -> Iterator[Message]:
         """Yield the messages of some topics in the order of the recording.

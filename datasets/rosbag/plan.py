@@ -17,6 +17,7 @@ from datasets.rosbag.files import BagFiles, Message
 from datasets.rosbag.messages import CLOUD_TYPE, SCAN_TYPE, TF_TYPES, FramedScan
 from datasets.rosbag.survey import Survey, SurveyedLaser
 from datasets.rosbag.topics import STATA_SENSOR_POSE, ChosenTopics, choose_topics, is_static, with_profile
+from datasets.scans.cleaning import limits_warning
 from datasets.scans.clocks import LATENCY_LIMIT_S, ClockFinding, compare_clocks, lags_of_unset
 from datasets.scans.intake import angle_warning
 from tbmslam.geometry.se2 import SE2
@@ -27,6 +28,7 @@ _MOST_STATIC = 2000
 _CLOUDS_TO_CHOOSE_BY = 20
 _SCANS_FOR_DELAY = 50
 _NEVER_ALL_BEYOND = 100.0  # a robot on a floor always sees something nearer [m]
+_UNSTAMPED = "the scans have no stamps (all are zero), so the times of their recording are used"
 _FAR_LASER, _TOO_FAR = 20.0, 1000.0  # larger than any robot, and than anything that moves [m]
 
 
@@ -53,7 +55,7 @@ class Plan:
     unset_lags: tuple[float, float] = (0.0, 0.0)
     """Bag time minus the assumed stamp of scans and of odometry with unset stamps [s]."""
     doubts: tuple[str, ...] = ()
-    """Warnings about contradictions in tf."""
+    """Warnings about contradictions in tf, in the limits of the laser, and between the files."""
     cut: CloudSlice | None = None
     """Slice that turns point clouds into scans, if the topic of scans holds clouds."""
 
@@ -106,9 +108,16 @@ def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
         clock = compare_clocks(laser.lags, odometry_lags, max(_delivery(files, topics.scan), laser.sweep()))
     if options.clock_offset is not None:
         clock = ClockFinding(options.clock_offset, clock.steady_lag, None)
+    if laser.stamps and not laser.lags:
+        clock = clock._replace(warning=_UNSTAMPED)
     if clock.warning:
         logger.warning("%s: %s", files.paths[0], clock.warning)
-    doubts = _doubts(survey, frames, to_sensor if sensor_pose is None else None)
+    limits = limits_warning(laser.first_scan.range_min, laser.first_scan.range_max)
+    doubts = (
+        *_doubts(survey, frames, to_sensor if sensor_pose is None else None),
+        *([limits] if limits and (options.range_min is None or options.range_max is None) else []),
+        *files.pauses(),
+    )
     for doubt in doubts:
         logger.warning("%s: %s", files.paths[0], doubt)
     stretched = angle_warning(len(laser.first_scan.ranges), laser.first_scan.angle_increment)
@@ -206,10 +215,14 @@ def _source(
     """Return the source of the odometry."""
     if frames is not None:
         return "tf"
-    if options.odometry == "tf":
+    # The profile states a frame too, which may be missing.
+    is_named = options.odom_frame is not None and options.odometry == "auto" and options.profile != "stata"
+    if options.odometry == "tf" or is_named:
         known = ", ".join(survey.graph.frames()) or "no frames"
+        name = options.odom_frame
+        fact = "tf connects no odometry frame" if name is None else f"tf does not connect the frame {name}"
         raise DatasetError(
-            f"{files.paths[0]}: tf connects no odometry frame with the robot; it has {known}: "
+            f"{files.paths[0]}: {fact} with the robot; it has {known}: "
             "pass --odom-frame and --robot-frame, or --odometry topic"
         )
     if options.odometry != "none" and topics.odometry:
@@ -222,7 +235,7 @@ def _source(
         logger.warning("%s; continuing without odometry", fact)
         return "none"
     if options.odometry == "auto":
-        logger.warning("%s: neither tf nor a topic holds odometry; continuing without it", files.paths[0])
+        logger.warning("%s: neither tf nor a topic holds usable odometry; continuing without it", files.paths[0])
     return "none"
 
 

@@ -137,7 +137,7 @@ class BagSource:
     def damages(self) -> list[str]:
         """Return one line for each damaged file."""
         of_parts = [line for part in self._parts for line in part.damages()]
-        is_listed = self.damage is None or any(line.endswith(f": {self.damage}") for line in of_parts)
+        is_listed = self.damage is None or any(f": {self.damage}" in line for line in of_parts)
         return of_parts if is_listed else [f"{self.path}: {self.damage}", *of_parts]
 
     def close(self) -> None:
@@ -246,7 +246,9 @@ def _salvaged_parts(folder: Path, damage: str) -> list[BagSource]:
     """Return the readable storage files of a directory."""
     files = storage_files(folder)
     if not files:
-        raise DatasetError(f"{folder}: {damage}, and no storage file (.db3, .mcap); decompress compressed files")
+        raise DatasetError(
+            f"{folder}: {damage}, and the folder holds no storage file (.db3, .mcap): copy it there, or decompress it"
+        )
     parts = []
     for path in files:
         try:

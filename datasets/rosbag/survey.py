@@ -70,12 +70,11 @@ class SurveyedLaser:
 
         Then a scan differs from the next, but not from the one after. For one laser, later scans differ more.
         """
-        if len(self.ranges) < _SCANS_TO_COMPARE:
+        rows = [row for row in self.ranges if len(row)]
+        if len(rows) < _SCANS_TO_COMPARE:
             return False
         directions = np.linspace(0.0, 1.0, _DIRECTIONS)
-        scans = np.array(
-            [row[np.rint(directions * (len(row) - 1)).astype(np.int64)] for row in self.ranges if len(row)]
-        )
+        scans = np.array([row[np.rint(directions * (len(row) - 1)).astype(np.int64)] for row in rows])
         scans[~(np.isfinite(scans) & (scans > 0.0))] = np.nan
         next_one, next_but_one = (_unlikeness(scans[:-2], scans[step:][: len(scans) - 2]) for step in (1, 2))
         return bool(next_one > _UNLIKE and next_one > _TIMES_AS_UNLIKE * next_but_one)

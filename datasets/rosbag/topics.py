@@ -51,6 +51,7 @@ def _namespace(name: str) -> tuple[str, ...]:
     return tuple(name.strip("/").split("/")[:-1])
 
 
+_MOST_NAMES = 3
 _SCAN_TYPES = (SCAN_TYPE, ECHOES_TYPE, CLOUD_TYPE)
 
 
@@ -98,13 +99,13 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
     if filled:
         listed = ", ".join(f"{topic.name} ({topic.messages} scans)" for topic in filled)
         kind = scans[0].msgtype.rsplit("/", 1)[-1]
-        raise DatasetError(f"{_names(files)} has several {kind} topics: {listed}: choose one with --scan-topic")
+        raise DatasetError(f"{_names(files)}: several {kind} topics hold scans: {listed}: choose one with --scan-topic")
     if scans:
         listed = ", ".join(topic.name for topic in scans)
         raise DatasetError(f"{_names(files)}: {listed} holds no messages: there is nothing to map")
     listed = ", ".join(sorted(files.topics)) or "no topics at all"
     raise DatasetError(
-        f"{_names(files)} has no topic of LaserScan or PointCloud2; it has {listed}: choose another recording"
+        f"{_names(files)}: no topic is a LaserScan or PointCloud2; there are {listed}: choose another recording"
     )
 
 
@@ -135,10 +136,10 @@ def _odometry_topics(files: BagFiles, options: RecordingOptions, scan: str) -> t
     poses = of_same_robot(poses, scan, others)
     plain_first = sorted(filled, key=lambda name: (-nearness(name), not is_plain_odom(name, scan), name))
     if options.odometry == "topic" and not plain_first + poses:
-        raise DatasetError(f"{_names(files)} has no odometry topic: choose another source with --odometry")
+        raise DatasetError(f"{_names(files)}: no topic holds odometry: choose another source with --odometry")
     if options.odometry == "topic" and len(filled) > 1 and not is_plain_odom(plain_first[0], scan):
         raise DatasetError(
-            f"{_names(files)} has several Odometry topics: {', '.join(filled)}: choose one with --odometry-topic"
+            f"{_names(files)}: several topics hold odometry: {', '.join(filled)}: choose one with --odometry-topic"
         )
     return tuple([*plain_first, *poses][:1])
 
@@ -153,13 +154,14 @@ def _named(files: BagFiles, name: str, msgtypes: tuple[str, ...], option: str) -
                     f"choose another with {option}"
                 )
             return topic
-    fitting = ", ".join(topic.name for topic in files.of_type(*msgtypes)) or "none of its type"
-    raise DatasetError(f"{_names(files)} has no topic {name}; it has {fitting}: choose with {option}")
+    fitting = ", ".join(topic.name for topic in files.of_type(*msgtypes)) or "no topic of a fitting type"
+    raise DatasetError(f"{_names(files)}: there is no topic {name}; there is {fitting}: choose with {option}")
 
 
 def _names(files: BagFiles) -> str:
-    """Return the paths of the files as text."""
-    return ", ".join(str(path) for path in files.paths)
+    """Return the paths of the files as text; of many files the first ones."""
+    more = len(files.paths) - _MOST_NAMES
+    return ", ".join(map(str, files.paths[:_MOST_NAMES])) + (f" and {more} more" if more > 0 else "")
 
 
 # Base laser of the PR2 in front of base_footprint; used if tf does not hold it.

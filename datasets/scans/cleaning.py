@@ -53,6 +53,14 @@ class RangeRules:
         return float(low), float(high)
 
 
+def limits_warning(range_min: float, range_max: float) -> str | None:
+    """Return a warning if the stated limits of a scan [m] contradict each other, else None."""
+    if not 0.0 < range_max <= range_min:
+        return None
+    stated = f"the scans state ranges from {range_min:g} to {range_max:g} m"
+    return f"{stated}; these limits contradict each other and are ignored: pass --range-min and --range-max"
+
+
 class CleanRanges(NamedTuple):
     """Clean ranges of scans, and the number of beams by result for each scan."""
 

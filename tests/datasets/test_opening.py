@@ -21,7 +21,7 @@ from datasets.opening import file_digests, list_recordings
             r"run\.bag\.gz: the bag is damaged \(ReaderError: Header could not be read from file\.\); no message in it",
         ),
         ("cut.log.gz", gzip.compress(b"FLASER " * 99, mtime=0)[:20], r"cut\.log\.gz: cannot be read to its end"),
-        ("picture.png", b"\x89PNG\0\0", r"picture\.png: neither a ROS bag nor a CARMEN log"),
+        ("picture.png", b"\x89PNG\0\0", r"picture\.png: is neither a ROS bag nor a CARMEN log: give a laser recording"),
     ],
 )
 def test_files_of_no_use(tmp_path, name, content, message):

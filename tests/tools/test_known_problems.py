@@ -54,7 +54,7 @@ def test_scans_after_the_last_transform_are_mapped_and_reported_with_the_time(tm
 def test_without_any_transform_the_error_names_what_is_missing(tmp_path, caplog):
     run = mapped_by_the_program(tmp_path, BagScript())
     assert run["counts"]["scans_used"] == 30
-    assert "run.bag: neither tf nor a topic holds odometry; continuing without it" in caplog.text
+    assert "run.bag: neither tf nor a topic holds usable odometry; continuing without it" in caplog.text
     assert "tf does not hold the mount of the laser (frame 'laser')" in caplog.text
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from datasets import DatasetError, RecordingOptions, open_recording
 from tbmslam.geometry.se2 import SE2
+from tests.datasets.conftest import BagScript
 from tests.datasets.rosbag.ordinary_bag import read
 
 
@@ -116,3 +117,57 @@ def test_a_laser_far_from_its_robot(script, tmp_path, caplog, away, refused):
         far = "the laser is mounted 30 m from the robot's centre" in caplog.text
         assert far is (away == 30.0) is bool(recording.description["frame_warnings"])
         assert recording.description["sensor_pose_known"] is far
+
+
+def test_scans_without_beams_are_refused_in_one_line(script, tmp_path):
+    for k in range(90):
+        script.scan(100.0 + 0.05 * k, [])
+    path = script.write(tmp_path / "run.bag")
+    with pytest.raises(DatasetError, match=r"none of 90 scans can be used \(90 empty\)"):
+        list(open_recording([path]))
+
+
+def test_a_stated_odometry_frame_that_is_missing_is_an_error(script, tmp_path):
+    path = script.drive(100.0, 103.0).scan(101.0).write(tmp_path / "run.bag")
+    with pytest.raises(
+        DatasetError, match=r"does not connect the frame odm with .*; it has base_link, odom: pass --odom"
+    ):
+        open_recording([path], RecordingOptions(odom_frame="odm"))
+    assert open_recording([path], RecordingOptions(odom_frame="odom")).description["odometry"] == "tf"
+    assert (
+        open_recording([path], RecordingOptions(profile="stata", scan_topic="/scan")).description["odometry"] == "none"
+    )
+
+
+@pytest.mark.parametrize(("stamp", "warned"), [(0.0, True), (101.0, False)])
+def test_scans_without_stamps_cause_a_warning(script, tmp_path, caplog, stamp, warned):
+    path = script.drive(100.0, 103.0).scan(stamp, bag_time=101.0).in_time_order().write(tmp_path / "run.bag")
+    warning = open_recording([path]).description["clock_warning"]
+    assert (warning is not None and "have no stamps" in warning) is warned
+    assert ("the scans have no stamps (all are zero)" in caplog.text) is warned
+
+
+@pytest.mark.parametrize(
+    ("limits", "options", "warned"),
+    [
+        ((30.0, 0.1), {}, True),
+        ((30.0, 0.1), {"range_min": 0.1, "range_max": 30.0}, False),
+        ((0.1, 30.0), {}, False),
+        ((0.0, 0.0), {}, False),
+    ],
+)
+def test_contradictory_limits_of_the_ranges_cause_a_warning(script, tmp_path, limits, options, warned):
+    path = script.drive(100.0, 103.0).scan(101.0, limits=limits).in_time_order().write(tmp_path / "run.bag")
+    warnings = open_recording([path], RecordingOptions(**options)).description["frame_warnings"]
+    assert any("from 30 to 0.1 m; these limits contradict each other" in line for line in warnings) is warned
+
+
+@pytest.mark.parametrize(("pause", "warned"), [(5.0, False), (86400.0, True)])
+def test_a_long_pause_between_two_files_causes_a_warning(tmp_path, caplog, pause, warned):
+    paths = []
+    for name, start in (("tuesday", 103.0 + pause), ("monday", 100.0)):
+        script = BagScript().drive(start, start + 3.0).scan(start + 1.0)
+        paths.append(script.in_time_order().write(tmp_path / f"{name}.bag"))
+    open_recording(paths)
+    told = f"{paths[0]} begins 86400 s after the end of {paths[1]}: if they are two drives, pass --separate"
+    assert (told in caplog.text) is warned

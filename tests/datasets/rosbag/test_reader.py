@@ -151,12 +151,12 @@ def test_missing_odometry_is_reported_or_refused(script, tmp_path, caplog):
     bag = script.write(tmp_path / "run.bag")
     readings, _ = read(bag)
     assert [reading.T_odom_robot for reading in readings] == [None] * 5
-    assert "neither tf nor a topic holds odometry" in caplog.text
+    assert "neither tf nor a topic holds usable odometry" in caplog.text
     with pytest.raises(
         DatasetError, match=r"tf connects no odometry frame with the robot; it has no frames.*--odom-frame"
     ):
         read(bag, odometry="tf")
-    with pytest.raises(DatasetError, match=r"no odometry topic: choose another source with --odometry"):
+    with pytest.raises(DatasetError, match=r"no topic holds odometry: choose another source with --odometry"):
         read(bag, odometry="topic")
 
 
@@ -167,7 +167,9 @@ def test_profile_stata(script, expected_pose, tmp_path):
         script.tf(float(stamp), "/odom", "/base_footprint2", SE2(0.0, stamp, 0.0))
     script.scan(102.0, topic="/base_scan", frame="base_laser_link").scan(102.0, topic="/tilt_scan", frame="tilt")
     bag = script.in_time_order().write(tmp_path / "run.bag")
-    with pytest.raises(DatasetError, match=r"several LaserScan topics: /base_scan \(1 scans\), /tilt_scan \(1 scans\)"):
+    with pytest.raises(
+        DatasetError, match=r"several LaserScan topics hold scans: /base_scan \(1 scans\), /tilt_scan \(1 scans\)"
+    ):
         read(bag)
     readings, recording = read(bag, profile="stata")
     assert_close(readings[0].T_odom_robot, expected_pose(102.0))

@@ -153,13 +153,24 @@ def test_parts_of_a_directory_are_read_in_their_order(bag, script, tmp_path):
     assert used(folder)[0] == SCANS + 20
 
 
+def test_the_damage_of_a_directory_of_one_file_is_told_once(bag, caplog):
+    folder = bag("mcap").parent
+    cut(next(folder.glob("*.mcap")), 0.5)
+    assert used(folder)[0] > 0
+    assert sum("the bag is damaged" in line for line in caplog.messages) == 1
+
+
 def test_a_directory_without_storage(bag):
     folder = bag("mcap").parent
     next(folder.glob("*.mcap")).rename(folder / "run.mcap.zstd")
-    with pytest.raises(DatasetError, match=r"run: its storage \S+ is missing, and no storage file .*decompress"):
+    with pytest.raises(
+        DatasetError, match=r"run: its storage \S+ is missing, and the folder holds no storage file .*decompress"
+    ):
         open_recording([folder])
     (folder / "metadata.yaml").unlink()
-    with pytest.raises(DatasetError, match=r"run: no metadata\.yaml in this directory, and no storage file"):
+    with pytest.raises(
+        DatasetError, match=r"run: no metadata\.yaml in this directory, and the folder holds no storage file"
+    ):
         open_recording([folder])
 
 

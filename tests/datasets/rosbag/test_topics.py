@@ -69,9 +69,8 @@ def choose(path, **options):
 def test_several_scan_topics_are_listed(script, tmp_path):
     script.drive(100.0, 103.0).scan(101.0, topic="/front").scan(101.1, topic="/rear").scan(101.2, topic="/rear")
     bag = script.in_time_order().write(tmp_path / "run.bag")
-    message = (
-        r"run\.bag has several LaserScan topics: /front \(1 scans\), /rear \(2 scans\): choose one with --scan-topic"
-    )
+    topics = r"/front \(1 scans\), /rear \(2 scans\)"
+    message = rf"run\.bag: several LaserScan topics hold scans: {topics}: choose one with --scan-topic"
     with pytest.raises(DatasetError, match=message):
         choose(bag)
     assert choose(bag, scan_topic="rear").expected_scans == 2
@@ -80,7 +79,7 @@ def test_several_scan_topics_are_listed(script, tmp_path):
 def test_no_scan_topic(script, tmp_path):
     bag = script.odometry(100.0, SE2.identity()).tf(100.0, "odom", "base_link").write(tmp_path / "run.bag")
     with pytest.raises(
-        DatasetError, match=r"run\.bag has no topic of LaserScan or PointCloud2; it has /odom, /tf: choose another"
+        DatasetError, match=r"run\.bag: no topic is a LaserScan or PointCloud2; there are /odom, /tf: choose another"
     ):
         choose(bag)
 
@@ -92,13 +91,14 @@ def test_wrong_topics(script, tmp_path):
         DatasetError, match=r"/tf is a tf2_msgs/msg/TFMessage, not a sensor_msgs/msg/LaserScan or sensor_msgs/msg/Multi"
     ):
         choose(bag, scan_topic="/tf")
-    with pytest.raises(DatasetError, match=r"has no topic /nope; it has /scan: choose with --scan-topic"):
+    with pytest.raises(DatasetError, match=r"there is no topic /nope; there is /scan: choose with --scan-topic"):
         choose(bag, scan_topic="/nope")
     with pytest.raises(
-        DatasetError, match=r"has no topic /odom; it has none of its type: choose with --odometry-topic"
+        DatasetError,
+        match=r"there is no topic /odom; there is no topic of a fitting type: choose with --odometry-topic",
     ):
         choose(bag, odometry_topic="/odom")
-    with pytest.raises(DatasetError, match=r"has no topic /tf2; it has /tf: choose with --tf-topic"):
+    with pytest.raises(DatasetError, match=r"there is no topic /tf2; there is /tf: choose with --tf-topic"):
         choose(bag, tf_topics=("/tf2",))
 
 
@@ -123,7 +123,7 @@ def test_several_odometry_topics(script, tmp_path):
             100.0 + 0.1 * k, SE2(2.0, 0.0, 0.0), topic="/b"
         )
     bag = script.scan(101.0).in_time_order().write(tmp_path / "run.bag")
-    with pytest.raises(DatasetError, match=r"several Odometry topics: /a, /b: choose one with --odometry-topic"):
+    with pytest.raises(DatasetError, match=r"several topics hold odometry: /a, /b: choose one with --odometry-topic"):
         choose(bag, odometry="topic")
     assert next(iter(choose(bag, odometry_topic="b"))).T_odom_robot == pytest.approx(SE2(2.0, 0.0, 0.0))
 
@@ -174,7 +174,7 @@ def test_several_topics_of_echoes_are_listed(script, tmp_path):
     with_echoes(script, 100.1, "/vertical")
     bag = script.write(tmp_path / "echoes", "sqlite3")
     with pytest.raises(
-        DatasetError, match=r"has several MultiEchoLaserScan topics: /horizontal \(1 scans\), /vertical"
+        DatasetError, match=r"several MultiEchoLaserScan topics hold scans: /horizontal \(1 scans\), /vertical"
     ):
         choose(bag)
 

@@ -125,7 +125,7 @@ def test_each_recording_may_have_its_own_topic_of_scans(bags, tmp_path, capsys):
     assert run(*both, "--scan-topic", "robot_0=/base_scan", "--scan-topic", "robot_1.bag=/none") == 1
     said = capsys.readouterr().err
     assert "1 of 2 robots failed (robot_1)" in said
-    assert "has no topic /none" in said
+    assert "there is no topic /none" in said
     assert run(*both, "--scan-topic", "/none", "--scan-topic", "robot_1=/base_scan") == 1
     assert "1 of 2 robots failed (robot_0)" in capsys.readouterr().err
     assert run(*both, "--scan-topic", "monday=/base_scan") == 1
