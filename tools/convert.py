@@ -70,7 +70,7 @@ def _run(args: argparse.Namespace) -> None:
     ending = _format_of(args.out)
     tbm_map = _read(args.map, args.resolution, tuple(args.origin))
     _write(args.out, ending, tbm_map)
-    print(f"{tbm_map} -> {args.out}")
+    print(f"{args.map}: {tbm_map.grid.summary()} -> {args.out}")
 
 
 def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> "TbmMap":

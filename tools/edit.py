@@ -106,7 +106,7 @@ def _run(args: argparse.Namespace) -> None:
         if mask is not None:
             write_ros_map(args.out / KEEPOUT, mask.grid)
         write_checksums(args.out)
-    print(f"{tbm_map} -> {args.out}")
+    print(f"{args.map}: {tbm_map.grid.summary()} -> {args.out}")
 
 
 def _applied(

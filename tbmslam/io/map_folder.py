@@ -21,6 +21,7 @@ _GRID_READERS: dict[tuple[str, ...], Callable[[Path], TbmGrid]] = {
     (".dat", ".dat.gz"): read_beesoft_map,
 }
 _PICTURES = (".pgm", ".png", ".bmp", ".tif", ".tiff", ".jpg", ".jpeg")
+_RECORDINGS = (".bag", ".mcap", ".db3", ".log", ".clf")
 _LONGEST_NAME = 100
 FIXED_NAMES = ("map.npz", "map.yaml", "map.pgm", *(f"{name}.png" for name in PICTURE_NAMES), "pignistic.pgw")
 """Files of all map folders, besides trajectories."""
@@ -91,6 +92,11 @@ def load_map(path: str | os.PathLike[str]) -> TbmMap:
             return TbmMap(read_grid(path), provenance={"read_from": path.name})
     if name.endswith(_PICTURES):
         raise MapFileError(f"{path}: is a picture without the size of a cell: give its yaml file")
+    if name.endswith(_RECORDINGS):
+        raise MapFileError(
+            f"{path}: is a recording: map its scans with `tbmslam map`, or convert its OccupancyGrid with "
+            "`tbmslam convert`"
+        )
     raise MapFileError(f"{path}: has an unknown format: give a folder, or a .npz, .yaml, .tbm_map or .dat file")
 
 

@@ -56,6 +56,8 @@ def read_tum(path: str | os.PathLike[str]) -> Trajectory:
 
 def pose_lines(path: Path) -> list[tuple[int, str]]:
     """Return the lines of a file that should contain a pose, with their numbers from 1."""
+    if path.is_dir():
+        raise TumError(f"{path}: is a folder: give a trajectory's file, such as {path / 'trajectory.tum'}")
     if why := why_unreadable(path):
         raise TumError(f"{path}: {why}: give a trajectory's file")
     try:
@@ -79,7 +81,10 @@ def _numbers(place: str, line: str) -> list[float]:
     if not all(map(math.isfinite, numbers)):
         raise TumError(f"{place}: has a number that is not finite: remove the line")
     if not max(map(abs, numbers[1:4])) <= FARTHEST_PLACE:
-        raise TumError(f"{place}: the position is more than {FARTHEST_PLACE:.0e} m away: remove the line")
+        raise TumError(
+            f"{place}: the position is more than {FARTHEST_PLACE:.0e} m away: remove the line, "
+            "or pass --relations if the file holds relations"
+        )
     return numbers
 
 

@@ -18,7 +18,7 @@ def test_help_names_every_command_and_is_quick():
 
 def test_a_wrong_path_is_reported_before_heavy_imports():
     for words, line in (
-        (("map", "none.bag"), "tbmslam map: none.bag: no such file or directory\n"),
+        (("map", "none.bag"), "tbmslam map: none.bag: no such file or directory: check the path\n"),
         (
             ("merge", "none_0", "none_1", "-o", "x"),
             "tbmslam merge: none_0: does not exist: give a map's folder or file\n",

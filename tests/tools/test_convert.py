@@ -29,7 +29,7 @@ def test_each_format_leads_back_to_the_same_cells(plan, tmp_path, name, capsys):
     if name.endswith(".tif"):
         pytest.importorskip("rasterio", reason="rasterio is not installed")
     assert run(plan, tmp_path / name) == 0
-    assert capsys.readouterr().out == f"TbmMap(40 x 30 cells of 0.05 m, 2.0 m2 known) -> {tmp_path / name}\n"
+    assert capsys.readouterr().out == f"{plan}: 40 x 30 cells of 0.05 m, 2.0 m2 known -> {tmp_path / name}\n"
     assert run(tmp_path / name, tmp_path / "back.npz") == 0
     before, after = load_map(plan), load_map(tmp_path / "back.npz")
     assert after.grid.geometry == pytest.approx(before.grid.geometry)

@@ -227,8 +227,9 @@ def test_what_is_no_trajectory_map_or_world_is_one_line(files, tmp_path, capsys)
         (("trajectory", estimate, "--relations", pipe), "is a device or a pipe: give a file of relations"),
         (
             ("trajectory", tmp_path / "far.tum", "--truth", estimate),
-            "the position is more than 1e+08 m away: remove the line",
+            "the position is more than 1e+08 m away: remove the line, or pass --relations if the file holds",
         ),
+        (("trajectory", own_map, "--truth", estimate), f"is a folder: give a trajectory's file, such as {own_map}"),
         (("trajectory", estimate, "--relations", tmp_path / "far.relations"), "a relation is longer than 1e+08 m"),
         (("trajectory", estimate, "--relations", tmp_path / "empty.relations"), "is empty: give a file of relations"),
         (("map", own_map, "--truth", pipe), "is a device or a pipe: give a map's folder or file"),

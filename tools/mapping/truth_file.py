@@ -37,8 +37,8 @@ class TruthFile:
             return None
         first, number = self.warnings[0], len(self.warnings)
         at = "" if first.get("all_along") is True else f"at {first.get('at_s')} s: "
-        others = f", and {number - 1} more" if number > 1 else ""
-        return f"is {self.source}, and may be wrong itself, as making it gave warnings: {at}{first.get('what')}{others}"
+        warnings = f"{number} warnings, first" if number > 1 else "a warning"
+        return f"is {self.source}, and may be wrong itself: its mapping gave {warnings}: {at}{first.get('what')}"
 
 
 def read_truth_file(path: Path) -> TruthFile:

@@ -148,11 +148,12 @@ def test_evo_takes_the_folder(tmp_path):
         ("empty", r"empty: holds no map\.npz or map\.yaml"),
         ("map.pgm", r"map\.pgm: is a picture.* give its yaml file"),
         ("notes.txt", r"notes\.txt: has an unknown format"),
+        ("run.bag", r"run\.bag: is a recording: map its scans with `tbmslam map`"),
     ],
 )
 def test_what_is_no_map_is_refused(tmp_path, name, message):
     (tmp_path / "empty").mkdir()
-    for file in ("map.pgm", "notes.txt"):
+    for file in ("map.pgm", "notes.txt", "run.bag"):
         (tmp_path / file).write_text("P5")
     with pytest.raises(MapFileError, match=message):
         load_map(tmp_path / name)

@@ -24,11 +24,11 @@ def test_it_holds_the_poses_and_the_reasons_to_doubt_them(tmp_path):
     found = read(tmp_path)
     assert found.poses == {"robot_0": SE2(1.0, 2.0, 0.5)}
     assert found.doubt() == (
-        "is tbmslam's own map of the whole recording, not ground truth, and may be wrong itself, as making it gave "
-        "warnings: no loop was closed, and 1 more"
+        "is tbmslam's own map of the whole recording, not ground truth, and may be wrong itself: its mapping "
+        "gave 2 warnings, first: no loop was closed"
     )
     late = TruthFile({}, OWN_MAP, tuple(SAID["warnings"][1:]))
-    assert late.doubt().endswith("gave warnings: at 10.2 s: the odometry jumps")
+    assert late.doubt().endswith("gave a warning: at 10.2 s: the odometry jumps")
 
 
 def test_without_warnings_there_is_no_doubt(tmp_path):

@@ -36,7 +36,7 @@ def test_a_doubtful_truth_causes_a_warning(tmp_path, caplog):
     load_pairs(tmp_path, 10, 0.2)
     (line,) = caplog.messages
     assert line.endswith(
-        f"truth.json is {OWN_MAP}, and may be wrong itself, as making it gave warnings: at 720.7 s: lost"
+        f"truth.json is {OWN_MAP}, and may be wrong itself: its mapping gave a warning: at 720.7 s: lost"
     )
 
 
