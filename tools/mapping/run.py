@@ -47,7 +47,8 @@ def map_all(tasks: Sequence[MappingTask], shelf: Shelf, executor: Executor) -> I
                 yield task, result
                 continue
             if len(tasks) > 1:
-                logger.warning("%s: %s", task.name, result)
+                # Some errors begin with the name already.
+                logger.warning("%s: %s", task.name, str(result).removeprefix(f"{task.name}: "))
             failures[task.name] = result
     if failures and len(tasks) == 1:
         raise next(iter(failures.values()))

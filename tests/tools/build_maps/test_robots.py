@@ -8,6 +8,7 @@ import pytest
 
 from tbmslam.io.trajectory_file import read_tum
 from tbmslam.sensing.segmentation import private_frame
+from tests.datasets.conftest import BagScript
 from tests.tools.build_maps.built_maps import QUICK, run, run_record
 from tools import make_world
 
@@ -138,3 +139,10 @@ def test_parts_of_recordings_have_different_names(bag, tmp_path):
     assert run(bag, other, "--separate", "--split", "gaps", "-o", tmp_path / "out", *QUICK) == 0
     named = sorted(path.name for path in (tmp_path / "out").glob("robot_*"))
     assert named == ["robot_0_0", "robot_0_0_0"]
+
+
+def test_a_failed_robot_is_named_once(bag, tmp_path, caplog):
+    blind = BagScript().drive(100.0, 103.0).scan(101.0, [np.nan] * 90).in_time_order().write(tmp_path / "blind.bag")
+    assert run(bag, blind, "--separate", "-o", tmp_path / "out", *QUICK) == 1
+    (line,) = [message for message in caplog.messages if "none of 1 scans can be used" in message]
+    assert line.startswith("blind: none of 1 scans")
