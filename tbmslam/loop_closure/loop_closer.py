@@ -126,12 +126,12 @@ class _Bundle(NamedTuple):
 
 
 class _Election(NamedTuple):
-    """Votes of keyframes, by the hits of a `length` of the path before and after them [m], at most `points`."""
+    """Votes of keyframes for places, and the test of the elected place."""
 
     votes: ClosureVotes
     test: DriftTest
-    length: float
-    points: int
+    bundle: tuple[float, int]
+    """Path before and after a keyframe [m] whose hits vote, and their largest number."""
 
 
 class _Drive:
@@ -165,7 +165,7 @@ class _Drive:
     def _election(self, config: ClosureVotesConfig, length: float, points: int) -> _Election:
         """Return an election without votes."""
         test = DriftTest(self._chain, self._targets, self._hits, self.config.robust_width, length, points)
-        return _Election(ClosureVotes(config, self._hits.travelled), test, length, points)
+        return _Election(ClosureVotes(config, self._hits.travelled), test, (length, points))
 
     def search_forward(self) -> None:
         """Close loops in the order of the drive; large corrections are applied before the next search."""
@@ -293,17 +293,16 @@ class _Drive:
         A search names few of the many places that look alike, and each keyframe may name others.
         """
         stops = sorted({vote.keyframe for vote in elected})
+        bundles = {keyframe: self._hits.bundle(keyframe, *election.bundle) for keyframe in stops}
         for correction in election.votes.rivals(elected, self.poses):
             poses = self.poses.copy()
-            poses[stops] = compose(np.array([correction]), poses[stops])
+            poses[stops] = compose(correction[None], poses[stops])
             votes = []
             for keyframe in stops:
                 near = self._targets.near(keyframe, poses, self.config.reach).targets[: self.config.submaps_per_step]
                 for target in near.tolist():
                     place = relative_pose(poses, self._targets.submap(target).anchor, keyframe)
-                    vote = self._vote(
-                        election.votes, keyframe, target, self._hits.bundle(keyframe, *election[2:]), place
-                    )
+                    vote = self._vote(election.votes, keyframe, target, bundles[keyframe], place)
                     if vote is not None:
                         votes.append(vote)
             yield votes
@@ -337,7 +336,7 @@ class _Drive:
         possible = self._far.possible(keyframe, self.poses)
         if possible is None:
             return []
-        bundle = self._hits.bundle(keyframe, *self._far_election[2:])
+        bundle = self._hits.bundle(keyframe, *self._far_election.bundle)
         if len(bundle.points) < self.config.search_points // 2:
             return []
         points, votes = bundle.thinned(self.config.search_points).points, []

@@ -81,7 +81,7 @@ class ClosureVotes:
         stops = np.array([vote.keyframe for vote in self._votes], dtype=np.int64)
         if len(np.unique(stops)) < config.stops:
             return []
-        together, apart = self._agreement(poses, stops)
+        together, apart = self._agreement(poses)
         weights = np.array([vote.weight for vote in self._votes])
         sums = np.array([_sum_of_best(weights[agrees], stops[agrees]) for agrees in together])
         best = int(sums.argmax())
@@ -91,23 +91,18 @@ class ClosureVotes:
             return []
         return [vote for vote, agrees in zip(self._votes, agreeing, strict=True) if agrees]
 
-    def rivals(self, elected: list[PlacedBundle], poses: FloatArray) -> list[SE2]:
-        """Return the corrections, in the frame of the poses (K, 3), that votes propose and elected votes contradict.
+    def rivals(self, elected: list[PlacedBundle], poses: FloatArray) -> FloatArray:
+        """Return the corrections (R, 3) of the poses (K, 3) that votes propose and elected votes contradict.
 
-        Votes with equal corrections give one.
+        Corrections are in the frame of the poses. Votes that agree give one.
         """
-        stops = np.array([vote.keyframe for vote in self._votes], dtype=np.int64)
-        together, apart = self._agreement(poses, stops)
+        together, apart = self._agreement(poses)
         is_elected = np.array([any(vote is chosen for chosen in elected) for vote in self._votes])
-        left = apart[:, is_elected].all(axis=1)
-        corrections = []
+        left, chosen = apart[:, is_elected].all(axis=1), []
         while left.any():
-            first = int(left.argmax())
-            vote = self._votes[first]
-            found = SE2(*poses[vote.anchor].tolist()) @ vote.pose
-            corrections.append(found @ SE2(*poses[vote.keyframe].tolist()).inverse())
-            left &= ~together[first]
-        return corrections
+            chosen.append(int(left.argmax()))
+            left &= ~together[chosen[-1]]
+        return self._corrections(poses)[chosen]
 
     def outweighs(self, elected: list[PlacedBundle], others: list[PlacedBundle]) -> bool:
         """Return whether elected votes outweigh others."""
@@ -121,19 +116,19 @@ class ClosureVotes:
         """Forget all votes."""
         self._votes = []
 
-    def _agreement(
-        self, poses: FloatArray, stops: npt.NDArray[np.int64]
-    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    def _agreement(self, poses: FloatArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Return which votes (V, V) agree, and which contradict, about the robot's pose at the last keyframe."""
-        found = compose(
-            poses[[vote.anchor for vote in self._votes]],
-            np.array([vote.pose for vote in self._votes], dtype=np.float64),
-        )
-        here = compose(compose(found, inverse(poses[stops])), poses[stops[-1]][None])
+        here = compose(self._corrections(poses), poses[self._votes[-1].keyframe][None])
         away = np.hypot(*(here[:, None, :2] - here[None, :, :2]).transpose(2, 0, 1))
         turned = np.abs(wrap_angles(here[:, None, 2] - here[None, :, 2]))
         config = self._config
         return (away <= config.together) & (turned <= config.together_rad), away > config.apart
+
+    def _corrections(self, poses: FloatArray) -> FloatArray:
+        """Return how each vote (V, 3) moves the poses (K, 3), in their frame."""
+        anchors, stops = [vote.anchor for vote in self._votes], [vote.keyframe for vote in self._votes]
+        placed = compose(poses[anchors], np.array([vote.pose for vote in self._votes], dtype=np.float64))
+        return compose(placed, inverse(poses[stops]))
 
 
 def _sum_of_best(weights: FloatArray, stops: npt.NDArray[np.int64]) -> float:
