@@ -154,7 +154,7 @@ class Slam:
         if not config.laser_fit.enabled:
             return
         with self._progress.during("checking the laser"):
-            errors = fit_laser(keyframes, drive.poses, drive.chain, config.laser_fit, config.adjustment)
+            errors = fit_laser(keyframes, drive.hits, drive.poses, config.laser_fit, config.adjustment)
         if errors is not None:
             doubts = laser_warnings(errors, keyframes, config.laser_check, self._corrections.range_offset)
             for subject, message in doubts.items():

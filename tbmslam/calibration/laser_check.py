@@ -1,4 +1,9 @@
-"""Check of the stated laser geometry: the angle step and the range offset are fitted to the walls of the drive."""
+"""Check of the stated laser geometry: the angle step and the range offset are fitted to the walls of the drive.
+
+The angles between beams may be too large by a constant share. If a scan takes time while the robot turns, they are also
+too large in proportion to the turn rate. Ranges may have an offset. These errors rotate and shift each sighting of a
+wall about the laser, so their equations follow from those of the poses.
+"""
 
 import logging
 from collections.abc import Sequence
@@ -13,33 +18,29 @@ from tbmslam.calibration.hand_eye import deviations_of_parts
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, path_lengths, wrap_angles
 from tbmslam.geometry.trajectory import turn_rates
-from tbmslam.kernels.adjustment.laser_slopes import (
-    NUMBERS,
-    OFFSET,
-    SCALE,
-    SWEEP,
-    corrected_hits,
-    laser_equations,
-    single_scan_hits,
-)
-from tbmslam.kernels.adjustment.motion_systems import motion_equations
-from tbmslam.kernels.adjustment.pose_systems import PoseSystem
+from tbmslam.kernels.adjustment.line_adjustment import line_equations
+from tbmslam.kernels.adjustment.pose_systems import MotionSystem, PoseSystem, times
+from tbmslam.kernels.adjustment.wall_pieces import StretchHits, gather_hits
 from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, WallLines, stretch_begins
-from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
+from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of
 
 logger = logging.getLogger(__name__)
 
 
 _GAUGE = 1e8
 """Information that fixes the first pose [1/m^2]."""
-_DAMPING = 0.01
-"""Information that holds every pose [1/m^2], for directions that no wall determines, as along a corridor."""
+_DAMPING = 1.0
+"""Information that holds every pose, for directions that no wall determines, as along a corridor [1/m^2]."""
+_NUMBERS = 3
+_SCALE, _OFFSET, _SWEEP = range(_NUMBERS)
+"""Relative error of the angles between beams, offset of the ranges [m], time of a beam's rotation by a radian [s]."""
 _PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0
-"""Prior information of the parameters, from the largest plausible errors."""
+"""Prior information of the same, from the largest plausible errors."""
 _SHIFT = 0.382
 """Shift of the cells of wall pieces in each round, as a share of a cell, so that no fixed cell borders matter."""
+_NO_MOTIONS = MotionSystem(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3, 3)))
 
 
 class LaserFitConfig(FrozenConfig):
@@ -56,11 +57,8 @@ class LaserFitConfig(FrozenConfig):
         1.75, gt=0, description="least field of view [rad]; with a narrower one the fit contracts all hits to a point"
     )
     max_range: float = Field(12.0, gt=0, description="hits beyond this are not used [m]")
-    hits: int = Field(180, ge=10, description="approximate number of hits of a scan that are used")
+    hits: int = Field(120, ge=10, description="least number of hits of a scan that are used, if it has as many")
     deviation: float = Field(0.03, gt=0, description="standard deviation of a hit from its wall [m]")
-    trust: float = Field(
-        0.01, gt=0, le=1, description="weight of the tracked motions, which share the errors of the laser"
-    )
     notable_scale: float = Field(
         0.002, gt=0, description="relative error of the angle step in the first round that asks for more rounds"
     )
@@ -68,81 +66,85 @@ class LaserFitConfig(FrozenConfig):
     rounds: int = Field(12, ge=1, description="largest number of rounds")
 
 
-class SelfCalibration:
-    """One part of a drive, whose poses and laser parameters are improved round by round.
+class PartFit:
+    """Fit of the laser's errors and of the poses to one part of a drive, round by round.
 
-    Parameters
-    ----------
-    keyframes, poses, chain
-        The whole drive, as of `tbmslam.calibration.laser_check.fit_laser`.
-    rates
-        Rotation rate of the laser at each keyframe (K,), positive in the direction of the beams [rad/s].
-    scans
-        The keyframes (N >= 2,) of this part.
-    config, pieces
-        The parameters of the fit, and of wall pieces.
+    `hits` are those of the part's N scans, taken at `poses` (N, 3) of the laser. `middles` (N,) are the angles of the
+    middle beams [rad], and `rates` (N,) the turn rates, positive in the direction of the beams [rad/s].
     """
 
     def __init__(
         self,
-        keyframes: Keyframes,
+        hits: ScanHits,
         poses: FloatArray,
-        chain: MotionChain,
+        middles: FloatArray,
         rates: FloatArray,
-        scans: npt.NDArray[np.int64],
         config: LaserFitConfig,
         pieces: AdjustmentConfig,
     ) -> None:
         self._pieces = pieces.model_copy(update={"deviation": config.deviation})
-        self._hits, self._begins = single_scan_hits(
-            *(keyframes.ranges, keyframes.offsets, keyframes.beams, keyframes.beam_steps),
-            *(scans, config.hits, (config.max_range, pieces.gap, pieces.bulge)),
-        )
-        self._motions = motions_of(
-            [
-                MotionEdge(k, k + 1, edge.T_source_target, config.trust * edge.information)
-                for k, edge in enumerate(chain.between(scans))
-            ],
-            [],
-            1.0,
-            np.arange(len(scans)),
-            np.zeros((len(scans), 3)),
-        )
-        self._poses = poses[scans]
-        self._rates = rates[scans]
-        self._bends = coarse_space_of([0, len(scans)])
-        self._held = np.tile(_DAMPING * np.eye(3), (len(scans), 1, 1))
+        self._poses, self._middles, self._rates = poses, middles, rates
+        count, limits = len(poses), (config.max_range, pieces.gap, pieces.bulge)
+        every = max(len(hits.points) // (config.hits * count), 1)
+        own, sines = gather_hits(hits.points, hits.normals, hits.offsets, np.zeros((count, 3)), every, limits)
+        self._begins, self._scans = own.wall_begins, np.repeat(np.arange(count), np.diff(own.wall_begins))
+        x, y, cosines = own.walls.T
+        self._ranges, self._directions, self._normals = np.hypot(x, y), np.arctan2(y, x), np.arctan2(sines, cosines)
+        self._angles = wrap_angles(self._directions - middles[self._scans])
+        self._coarse = coarse_space_of([0, count])
+        self._held = np.tile(_DAMPING * np.eye(3), (count, 1, 1))
         self._held[0] += _GAUGE * np.eye(3)
-        self._numbers = np.zeros(NUMBERS)
+        self._numbers = np.zeros(_NUMBERS)
         self._round = 0
 
     def improved(self) -> tuple[FloatArray, FloatArray]:
-        """Do one round; return the parameters (M,) and their information (M, M)."""
-        pieces, numbers, at = self._pieces, self._numbers, self._poses
-        scales = numbers[SCALE] + numbers[SWEEP] * self._rates
-        hits = corrected_hits(self._hits, self._begins, scales, float(numbers[OFFSET]))
-        walls = WallLines(hits, 1, at, self._round * _SHIFT % 1.0 * pieces.cell, pieces)
-        own, motions, pull = motion_equations(self._motions, at)
+        """Do one round; return the errors (M,) and their information (M, M)."""
+        at, pieces = self._poses, self._pieces
+        walls = WallLines(self._corrected_hits(), 1, at, self._round * _SHIFT % 1.0 * pieces.cell, pieces)
         solver = PoseSolver(
-            PoseSystem(walls.own + own + self._held, walls.system, motions), at, self._bends, pieces.precision
+            PoseSystem(walls.own + self._held, walls.system, _NO_MOTIONS), at, self._coarse, pieces.precision
         )
-        limits = pieces.enough, pieces.deviation, pieces.robust_width
-        laser = laser_equations(hits, self._hits[:, 2], self._rates, at, walls.seen, walls.system, limits)
-        gradient = walls.gradient + pull
-        # The Schur complement of the poses, in a form whose error is the square of the solver's.
-        following = [solver.solve(np.ascontiguousarray(laser.across[:, :, j])) for j in range(NUMBERS)]
-        follow = np.array(following).reshape(NUMBERS, -1)
-        curved = np.array([solver.curved(changes) for changes in following]).reshape(NUMBERS, -1)
-        across = laser.across.reshape(-1, NUMBERS)
-        information = laser.own - follow @ across - (follow @ across).T + follow @ curved.T
-        slope = laser.gradient - follow @ gradient.ravel()
-        change = -np.linalg.solve(information + np.diag(_PRIOR), slope + _PRIOR * numbers)
-        moved = solver.solve(gradient) + (follow.T @ change).reshape(-1, 3)
-        self._poses = at - moved
+        # The same equations with a pose of its own for each sighting, which moves with the errors of the laser.
+        movements, observers = self._movements(walls), walls.observers
+        own, system, pull = line_equations(
+            *(walls.moments, np.arange(len(observers)), walls.begins, walls.lines, at[observers]),
+            *(pieces.enough, pieces.deviation, pieces.robust_width),
+        )
+        each = PoseSystem(own, system, _NO_MOTIONS)
+        curved = np.array([times(each, movement) for movement in movements])
+        across = (np.arange(len(at))[:, None] == observers).astype(np.float64) @ curved  # summed by pose
+        # Elimination of the poses.
+        following = np.array([solver.solve(pushed) for pushed in across])
+        information = np.einsum("iok,jok->ij", movements, curved) - np.einsum("ink,jnk->ij", following, across)
+        information = 0.5 * (information + information.T) + np.diag(_PRIOR)
+        slope = np.tensordot(movements, pull) - np.tensordot(following, walls.gradient) + _PRIOR * self._numbers
+        change = -np.linalg.solve(information, slope)
+        self._poses = at - solver.solve(walls.gradient) - np.tensordot(change, following, 1)
         self._poses[:, 2] = wrap_angles(self._poses[:, 2])
-        self._numbers = numbers + change
+        self._numbers = self._numbers + change
         self._round += 1
-        return self._numbers, information + np.diag(_PRIOR)
+        return self._numbers, information
+
+    def _corrected_hits(self) -> StretchHits:
+        """Return the hits without the errors estimated so far."""
+        scales = self._numbers[_SCALE] + self._numbers[_SWEEP] * self._rates
+        turns = (scales[self._scans] * self._angles).astype(np.float32)
+        ranges, directions = self._ranges + np.float32(self._numbers[_OFFSET]), self._directions + turns
+        columns = ranges * np.cos(directions), ranges * np.sin(directions), wrap_angles(self._normals + turns)
+        loose = np.empty((0, 2), dtype=np.float32)
+        return StretchHits(
+            np.column_stack(columns).astype(np.float32), self._begins, loose, np.zeros_like(self._begins)
+        )
+
+    def _movements(self, walls: WallLines) -> FloatArray:
+        """Return the movement (M, O, 3) of each sighting about the laser by each error."""
+        x, y = walls.moments[:, 1:3].T
+        scans = walls.observers
+        angles = wrap_angles(np.arctan2(y, x) - self._poses[scans, 2] - self._middles[scans])
+        movements = np.zeros((_NUMBERS, len(scans), 3))
+        movements[_SCALE, :, 2], movements[_SWEEP, :, 2] = angles, self._rates[scans] * angles
+        movements[_OFFSET, :, :2] = np.column_stack((x, y)) / np.hypot(x, y)[:, None]
+        return movements
 
 
 class LaserErrors(NamedTuple):
@@ -168,27 +170,29 @@ _FARTHEST = np.array([0.1, 0.5])
 
 
 def fit_laser(
-    keyframes: Keyframes, poses: FloatArray, chain: MotionChain, config: LaserFitConfig, pieces: AdjustmentConfig
+    keyframes: Keyframes, hits: ScanHits, poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig
 ) -> LaserErrors | None:
     """Estimate the errors of the stated laser geometry; None if the drive or the field of view is too small.
 
     Parameters
     ----------
+    hits
+        The hits of the keyframes.
     poses
         Adjusted poses (K, 3) of the laser at the keyframes.
-    chain
-        Tracked motions from each keyframe to the next.
     config, pieces
         The parameters of the fit, and of wall pieces.
     """
-    fans = np.diff(keyframes.offsets) * np.abs(keyframes.beams[:, 1])
-    if not len(fans) or float(np.median(fans)) < config.least_fan:
+    first, step, beams = keyframes.beams[:, 0], keyframes.beams[:, 1], np.diff(keyframes.offsets)
+    if not len(beams) or float(np.median(beams * np.abs(step))) < config.least_fan:
         return None
     chosen = [scans for scans in _parts(poses, config, pieces) if len(scans) > 1]
     if len(chosen) < config.least_parts:
         return None
-    rates = turn_rates(keyframes.stamps, poses[:, 2]) * np.sign(keyframes.beams[:, 1])
-    parts = [SelfCalibration(keyframes, poses, chain, rates, scans, config, pieces) for scans in chosen]
+    rates, middles = turn_rates(keyframes.stamps, poses[:, 2]) * np.sign(step), first + 0.5 * (beams - 1) * step
+    parts = [
+        PartFit(_hits_of(hits, scans), poses[scans], middles[scans], rates[scans], config, pieces) for scans in chosen
+    ]
     found = _settled(parts, config)
     if found is None:
         return None
@@ -200,7 +204,14 @@ def fit_laser(
     return LaserErrors(scale, scale_deviation, offset, offset_deviation)
 
 
-def _settled(parts: Sequence[SelfCalibration], config: LaserFitConfig) -> FloatArray | None:
+def _hits_of(hits: ScanHits, scans: npt.NDArray[np.int64]) -> ScanHits:
+    """Return the hits of some scans."""
+    own = np.concatenate([np.arange(*hits.offsets[k : k + 2]) for k in scans])
+    offsets = np.concatenate(([0], np.cumsum(np.diff(hits.offsets)[scans])))
+    return ScanHits(hits.points[own], hits.normals[own], offsets)
+
+
+def _settled(parts: Sequence[PartFit], config: LaserFitConfig) -> FloatArray | None:
     """Improve the parts until their joint estimate (see `_joined`) converges; None if it diverges."""
     before, notable = np.full(2, np.inf), np.array([config.notable_scale, config.notable_offset])
     for _ in range(config.rounds):

@@ -17,7 +17,6 @@ from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, compose, inverse, path_lengths, wrap_angles
-from tbmslam.kernels.adjustment.laser_slopes import ObservedLines
 from tbmslam.kernels.adjustment.line_adjustment import fit_lines, line_equations
 from tbmslam.kernels.adjustment.motion_systems import motion_equations
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem
@@ -122,7 +121,7 @@ def adjust(
         at = at - solver.solve(lines.gradient + pull)
         at[:, 2] = wrap_angles(at[:, 2])
     moved_m = float(np.sqrt(((at - before)[:, :2] ** 2).sum(axis=1).mean()))
-    logger.info("laying %d stretches onto %d pieces of wall moved them by %.3f m", len(at), lines.count, moved_m)
+    logger.info("laying %d stretches onto %d pieces of wall moved them by %.3f m", len(at), len(lines.lines), moved_m)
     return stretches.moved(at)
 
 
@@ -216,7 +215,7 @@ class WallLines:
     """The equations of hits on straight pieces of wall, whose lines move with the poses (N, 3) of the segments.
 
     Hits with normals define the lines. Other hits, seen from afar or near an edge, belong to the nearest line. Every
-    n-th hit is used. The cells of pieces are offset by `shift` [m]. `seen` are the lines and their sightings; for
+    n-th hit is used. The cells of pieces are offset by `shift` [m]. For `lines`, their sightings, and the equations
     `own`, `system` and `gradient` see `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
     """
 
@@ -230,10 +229,9 @@ class WallLines:
         seen = join_walls(hits, every, poses, raster, seen, known, lines, _REACH * config.deviation)
         lines = fit_lines(seen, poses, config.enough, limits)
         is_line = lines[:, 4] > 0.0
-        lines, numbers = lines[is_line], np.where(is_line, np.cumsum(is_line) - 1, -1)
-        self.count = len(lines)
-        moments, observers, begins = sort_sightings(seen, numbers, self.count)
-        self.seen = ObservedLines(raster, known, numbers, moments, observers, begins, lines)
+        self.lines, numbers = lines[is_line], np.where(is_line, np.cumsum(is_line) - 1, -1)
+        self.moments, self.observers, self.begins = sort_sightings(seen, numbers, len(self.lines))
         self.own, self.system, self.gradient = line_equations(
-            moments, observers, begins, lines, poses, config.enough, config.deviation, config.robust_width
+            *(self.moments, self.observers, self.begins, self.lines, poses),
+            *(config.enough, config.deviation, config.robust_width),
         )

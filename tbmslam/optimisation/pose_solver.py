@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.adjustment.motion_systems import Motions
-from tbmslam.kernels.adjustment.pose_systems import PoseSystem, times
+from tbmslam.kernels.adjustment.pose_systems import PoseSystem
 from tbmslam.kernels.adjustment.two_levels import CoarseSpace, Preconditioner, conjugate_gradients, preconditioner_of
 from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
 
@@ -31,10 +31,6 @@ class PoseSolver:
     ) -> None:
         self._system, self._coarse, self._precision = system, coarse, precision
         self.factors = preconditioner_of(system, poses, coarse) if factors is None else factors
-
-    def curved(self, changes: FloatArray) -> FloatArray:
-        """Return the curvature times changes (N, 3) of the poses."""
-        return times(self._system, changes)
 
     def solve(self, gradient: FloatArray) -> FloatArray:
         """Return the changes (N, 3) of the poses whose curvature product is the gradient (N, 3)."""

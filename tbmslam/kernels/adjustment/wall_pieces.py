@@ -169,15 +169,6 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
 
 
 @kernel
-def piece_met(known: Pieces, raster: Raster, x: float, y: float, facing: float) -> int:
-    """Return the piece of a hit in the map with a normal at an angle in [-2 pi, 2 pi]; -1 for none."""
-    place = _place_of(known.cells, _key_of(x - raster.shift, y - raster.shift, 1.0 / raster.cell))
-    if known.cells[place, 0] == _NOBODY:
-        return -1
-    return int(known.numbers[known.cells[place, 1] * raster.sectors + _sector_of(facing, raster.sectors)])
-
-
-@kernel
 def lines_by_cell(known: Pieces, lines: FloatArray, sectors: int) -> tuple[IntArray, IntArray]:
     """Return where the lines of each cell begin and end (C + 1,), and the pieces whose lines they are.
 

@@ -6,11 +6,10 @@ import pytest
 from tbmslam.calibration.laser_check import LaserFitConfig, fit_laser
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig
-from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, relative_pose
 from tests.tbmslam.drifting_drive import drifting_keyframes
 
-INFORMATION = np.diag([0.004**-2, 0.004**-2, 0.002**-2])
 CONFIG = LaserFitConfig()
 
 
@@ -22,8 +21,7 @@ def fitted(robot, scale=0.0, offset=0.0, config=CONFIG, turn=0.0):
     scans = [robot.readings[k].scan for k in kept]
     wrong = [replace(s, angle_increment=s.angle_increment * (1.0 + scale), ranges=s.ranges + offset) for s in scans]
     keyframes = Keyframes.from_scans(wrong, [SE2(*pose) for pose in tracked], [SE2.identity()] * len(tracked))
-    steps = [MotionEdge(k, k + 1, relative_pose(tracked, k, k + 1), INFORMATION) for k in range(len(tracked) - 1)]
-    return fit_laser(keyframes, tracked, MotionChain.of(steps), config, AdjustmentConfig())
+    return fit_laser(keyframes, ScanHits.of(keyframes, 40.0), tracked, config, AdjustmentConfig())
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(0.03, 0.0), (-0.01, 0.0), (0.0, 0.1), (0.0, -0.08), (0.01, 0.05)])
@@ -86,8 +84,7 @@ def test_a_robot_at_rest_gives_no_estimate(drive_in):
     robot = drive_in("office", 15.0, "good", seed=2)
     scans = [robot.readings[0].scan] * 5
     keyframes = Keyframes.from_scans(scans, [SE2.identity()] * 5, [SE2.identity()] * 5)
-    steps = [MotionEdge(k, k + 1, SE2.identity(), INFORMATION) for k in range(4)]
-    assert fit_laser(keyframes, np.zeros((5, 3)), MotionChain.of(steps), CONFIG, AdjustmentConfig()) is None
+    assert fit_laser(keyframes, ScanHits.of(keyframes, 40.0), np.zeros((5, 3)), CONFIG, AdjustmentConfig()) is None
 
 
 def test_only_so_much_of_a_drive_is_looked_at(drive_in):

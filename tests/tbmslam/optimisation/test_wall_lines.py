@@ -16,7 +16,8 @@ def test_pieces_that_are_no_line_do_not_count(generator):
     loose = np.zeros((0, 2), dtype=np.float32)
     both = StretchHits(np.vstack((hits, hits)), np.array([0, 900, 1800]), loose, np.zeros(3, dtype=np.int64))
     lines = WallLines(both, 1, np.zeros((2, 3)), 0.0, config)
-    met = len(np.unique(lines.seen.known.numbers[lines.seen.known.numbers >= 0]))
-    assert 6.0 / config.cell <= lines.count + 1 < met
-    assert lines.seen.lines[:, 4].min() > 0.1 * config.cell
-    assert lines.seen.numbers.max() == lines.count - 1
+    assert 6.0 / config.cell - 1 <= len(lines.lines) < 0.2 * len(hits)
+    assert lines.lines[:, 4].min() > 0.1 * config.cell
+    assert (np.abs(lines.lines[:, 1] - 1.5) < 0.02).all()
+    assert len(lines.begins) == len(lines.lines) + 1
+    assert lines.begins[-1] == len(lines.moments) == len(lines.observers)
