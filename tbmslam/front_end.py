@@ -11,10 +11,8 @@ from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.map.rendering import ScanInserter
-from tbmslam.related.particle_tracker import ParticleTracker, ParticleTrackerConfig, TileMaps
 from tbmslam.related.viny_tracker import GridTracker, GridTrackerConfig
 from tbmslam.sensing.laser_scan import LaserScan, Reading
-from tbmslam.sensing.sensor_model import beam_factors
 from tbmslam.tracking.deskew import deskewed
 from tbmslam.tracking.motion_model import MotionModel
 from tbmslam.tracking.surfel_tracker import SurfelTracker
@@ -84,10 +82,6 @@ class FrontEnd:
         self._T_map_keyframe = T_map_robot
         return keyframe
 
-    def revised_poses(self) -> FloatArray | None:
-        """Return the poses (K, 3) of the laser at keyframes where the tracker revised them itself."""
-        return self._tracker.revised_poses()
-
     def grid(self) -> TbmGrid | None:
         """Return the grid of a tracker that writes one, else None."""
         grid = self._tracker.grid
@@ -116,13 +110,9 @@ class FrontEnd:
 
 
 def make_tracker(config: SlamConfig) -> Tracker:
-    """Return the tracker that a configuration names: surfels, vinySLAM's grid, or particles."""
+    """Return the tracker that a configuration names: surfels, or vinySLAM's grid."""
     tracker, cells = config.tracker, config.map
     if isinstance(tracker, GridTrackerConfig):
         inserter = ScanInserter(cells.sensor_model, cells.insertion)
         return GridTracker(tracker, EvidenceGrid(cells.resolution, cells.max_cells), inserter, config.seed)
-    if isinstance(tracker, ParticleTrackerConfig):
-        maps = TileMaps(tracker.particles, cells.resolution, cells.max_cells)
-        factors = beam_factors(cells.sensor_model, cells.resolution, scan_quality=1.0)
-        return ParticleTracker(tracker, maps, factors, config.seed)
     return SurfelTracker(tracker)

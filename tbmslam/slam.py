@@ -141,8 +141,7 @@ class Slam:
     def _final_poses(self, tracked: FloatArray, optimised: OptimisedDrive | None) -> FloatArray:
         """Return the poses (N, 3) of the robot at all readings; `tracked` has them as they were tracked."""
         if optimised is None:
-            revised = self._front_end.revised_poses()
-            return tracked if revised is None else self._buffer.corrected(tracked, revised)
+            return tracked
         poses = self._buffer.corrected(tracked, optimised.poses)
         if optimised.closures:  # without closures, the drift is unknown
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))

@@ -42,7 +42,6 @@ class _TimedTracker:
         self._tracker, self._seconds = tracker, seconds
         self.grid = tracker.grid
         self.is_novel = tracker.is_novel
-        self.revised_poses = tracker.revised_poses
 
     def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
         return self._timed("matching", self._tracker.match, scan, prior, T_robot_sensor)

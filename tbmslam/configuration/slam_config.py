@@ -15,7 +15,6 @@ from tbmslam.map.rendering import InsertionConfig, MapConfig
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig
-from tbmslam.related.particle_tracker import ParticleTrackerConfig
 from tbmslam.related.viny_tracker import GridTrackerConfig, HillClimbingConfig, MonteCarloConfig
 from tbmslam.sensing.sensor_model import SensorModelConfig
 from tbmslam.tracking.deskew import DeskewConfig
@@ -45,9 +44,7 @@ class SlamConfig(FrozenConfig):
     seed: int = Field(0, ge=0, description="seed of the random numbers that a matcher draws")
     motion: MotionConfig = MotionConfig()
     deskew: DeskewConfig = DeskewConfig()
-    tracker: Annotated[SurfelTrackerConfig | GridTrackerConfig | ParticleTrackerConfig, Field(discriminator="kind")] = (
-        SurfelTrackerConfig()
-    )
+    tracker: Annotated[SurfelTrackerConfig | GridTrackerConfig, Field(discriminator="kind")] = SurfelTrackerConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
     forgetting: ForgettingConfig = ForgettingConfig()
     loop_closing: LoopClosingConfig = LoopClosingConfig()
@@ -93,22 +90,6 @@ PRESETS: Mapping[str, SlamConfig] = {
     "viny-hc": _on_grid("viny-hc", HillClimbingConfig()),
     "tiny": _on_grid("tiny", MonteCarloConfig(weighting="even"), _TINY_MAP),
     "credibilist": _on_grid("credibilist", HillClimbingConfig(weighting="even", score="disjunctive"), _CREDIBILIST_MAP),
-    "particles": SlamConfig(
-        preset="particles",
-        tracker=ParticleTrackerConfig(),
-        keyframes=KeyframeConfig(distance=0.5, angle=0.35),
-        loop_closing=LoopClosingConfig(enabled=False),
-        adjustment=AdjustmentConfig(enabled=False),
-        laser_fit=LaserFitConfig(enabled=False),
-        # Cells give the weights of particles, so each beam needs more weight.
-        map=MapConfig(
-            max_cells=200_000_000,
-            sensor_model=SensorModelConfig(
-                hit_probability=0.95, hit_quality=0.3, miss_probability=0.02, miss_quality=0.1, wall_blur=0.0
-            ),
-        ),
-        blocked_beams=BlockedBeamsConfig(enabled=False),
-    ),
     "odometry": SlamConfig(
         preset="odometry",
         motion=MotionConfig(odometry=OdometryNoiseConfig(learning=False)),

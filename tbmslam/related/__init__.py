@@ -1,1 +1,1 @@
-"""Trackers of the related work: vinySLAM, and a particle filter after FastSLAM. The default preset uses neither."""
+"""The tracker of the related work, vinySLAM; the default preset does not use it."""

@@ -184,10 +184,6 @@ class GridTracker:
         quality = self._config.quality_if_moved if match.moved else self._config.quality_if_kept
         self._inserter.insert(scan, match.T_map_sensor, self._cells, quality)
 
-    def revised_poses(self) -> FloatArray | None:
-        """Return None: tracked poses are final."""
-        return None
-
     def is_novel(self, match: ScanMatch) -> bool:  # noqa: ARG002
         """Learn from every scan, as the original does."""
         return True

@@ -242,10 +242,6 @@ class SurfelTracker:
         turns, tolerance = self._search_turns, config.tolerances[0]
         return self._map.search(few, guess, self._reach, turns, tolerance, (0.2, 0.05))
 
-    def revised_poses(self) -> FloatArray | None:
-        """Leave what was tracked as it is."""
-        return None
-
     def is_novel(self, match: ScanMatch) -> bool:
         """Tell whether much of what the laser sees may not be known yet."""
         return match.score < self._config.novel

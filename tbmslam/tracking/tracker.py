@@ -100,10 +100,6 @@ class Tracker(Protocol):
         """Insert the scan, so that later scans are registered on it."""
         ...
 
-    def revised_poses(self) -> FloatArray | None:
-        """Return the revised poses (K, 3) of the laser at inserted scans; None if the tracker never revises any."""
-        ...
-
     def is_novel(self, match: ScanMatch) -> bool:
         """Return whether a scan is to be inserted, however little the robot moved since the last one."""
         ...

@@ -131,7 +131,7 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str, *, 
     """Add the options about parameters, in a group of their own."""
     group = parser.add_argument_group("parameters")
     group.add_argument(
-        "--preset", help="preset of the SLAM: default, viny, viny-hc, tiny, credibilist, particles or odometry; or "
+        "--preset", help="preset of the SLAM: default, viny, viny-hc, tiny, credibilist or odometry; or "
         "paper: viny for mapping, and merging exactly as in the paper",
     )  # fmt: skip
     group.add_argument(
