@@ -20,7 +20,7 @@ from tbmslam.map.local_frame import LocalFrame
 from tbmslam.map.rendering import render
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.drive_monitor import DriveMonitor
-from tbmslam.monitoring.drive_review import DriveReview
+from tbmslam.monitoring.drive_review import DriveReview, standing_warnings
 from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.tracking.keyframe_buffer import KeyframeBuffer
@@ -166,6 +166,8 @@ class Slam:
         warnings = review.warnings(trajectory, keyframes, self._buffer.keyframes)
         if "angles" in self._monitor.whole_drive_warnings:  # wrong angles also rotate all of the view
             warnings = [warning for warning in warnings if warning.subject != "mount"]
+        if config.tracker.kind == "surfels":  # other trackers draw every scan
+            warnings += standing_warnings(trajectory, keyframes)
         self._monitor.warn_at_end(warnings, self.start_stamp)
 
     def _forget_where_full(self) -> None:

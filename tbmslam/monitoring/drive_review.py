@@ -137,6 +137,22 @@ def _undetermined_steps(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
     return undetermined
 
 
+_FEW_KEYFRAMES = 10
+"""Scans from which on a cell that each of them saw once is free in map.pgm, by the masses of the sensor model."""
+
+
+def standing_warnings(trajectory: Trajectory, keyframes: Keyframes) -> list[EndWarning]:
+    """Return a warning if so few scans became keyframes that the map shows little of what was seen."""
+    scans, drawn = len(trajectory), len(keyframes)
+    if not 0 < drawn < _FEW_KEYFRAMES or scans < _FEW_KEYFRAMES * drawn:
+        return []
+    text = (
+        f"the robot hardly moved ({trajectory.driven():.1f} m): the map is drawn from {drawn} of {scans} scans, so that "
+        f"most free space stays unknown in map.pgm; drive the robot, or map again with --set keyframes.distance=0"
+    )
+    return [EndWarning("standing", text)]
+
+
 _TIME_STEP_S = 0.1
 """Step of the times in warnings [s]; the end of `--interval` is excluded."""
 

@@ -9,7 +9,12 @@ from tbmslam.calibration.mount_check import MountCheckConfig
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.monitoring.drive_review import DriveReview, impossible_speed, undetermined_motion
+from tbmslam.monitoring.drive_review import (
+    DriveReview,
+    impossible_speed,
+    standing_warnings,
+    undetermined_motion,
+)
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, packed
@@ -179,3 +184,16 @@ def test_a_drive_of_no_readings_is_none():
 def test_less_than_five_degrees_are_no_knock(monkeypatch, turn):
     monkeypatch.setattr(f"{__name__}.KNOCK", turn)
     assert drive_review_said(knocked=(150,)) == []
+
+
+def test_a_robot_that_stands_still_is_told_how_to_get_a_map():
+    trajectory, keyframes, kept = drive()
+    first = packed(kept[:1], trajectory.poses[:1])
+    still = Trajectory(STARTED + 0.1 * np.arange(436), np.zeros((436, 3)))
+    (warning,) = standing_warnings(still, first)
+    assert warning.all_along
+    assert warning.what.startswith("the robot hardly moved (0.0 m): the map is drawn from 1 of 436 scans")
+    assert warning.what.endswith("--set keyframes.distance=0")
+    assert standing_warnings(still, keyframes) == []
+    assert standing_warnings(Trajectory(still.stamps[:9], still.poses[:9]), first) == []
+    assert standing_warnings(Trajectory(np.zeros(0), np.zeros((0, 3))), Keyframes.from_scans([], [], [])) == []

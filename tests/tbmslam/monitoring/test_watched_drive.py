@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from tbmslam.configuration.slam_config import KeyframeConfig, SlamConfig, preset
 from tbmslam.geometry.se2 import SE2
+from tbmslam.map.map_image import FREE_THRESHOLD
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.slam import Slam
 
@@ -27,9 +29,9 @@ def ranges_from(pose, walls, generator):
     return np.where(there > 30.0, np.inf, there + generator.normal(0.0, 0.005, BEAMS))
 
 
-def driven(poses, walls, generator, wheels=None, knocked_since=math.inf):
+def driven(poses, walls, generator, wheels=None, knocked_since=math.inf, slam=None):
     """Return SLAM after a drive along poses, ten a second, by a laser turned to the left from a reading on."""
-    slam = Slam()
+    slam = slam or Slam()
     for k, pose in enumerate(poses):
         laser = pose @ SE2(0.0, 0.0, 0.3 if k >= knocked_since else 0.0)
         scan = LaserScan(0.1 * k, FIRST, math.pi / (BEAMS - 1), 0.05, 30.0, ranges_from(laser, walls, generator))
@@ -67,3 +69,14 @@ def test_a_bare_corridor_without_odometry_causes_a_warning(generator):
     warnings = told(driven(poses, CORRIDOR, generator))
     assert [what for what in warnings if "neither odometry nor scans determine the motion" in what]
     assert not [what for what in told(driven(poses, CORRIDOR, generator, poses)) if "neither" in what]
+
+
+def test_a_robot_at_rest_is_told_how_each_of_its_scans_is_drawn(generator):
+    rest = [SE2(0.0, 0.0, 0.0)] * 60
+    once = driven(rest, ROOMS, generator)
+    assert [what for what in told(once) if "the map is drawn from 1 of 60 scans" in what]
+    every = driven(rest, ROOMS, generator, slam=Slam(SlamConfig(keyframes=KeyframeConfig(distance=0.0))))
+    assert told(every) == [what for what in told(once) if "hardly moved" not in what]
+    free = [slam.finish().grid.pignistic() < FREE_THRESHOLD for slam in (once, every)]
+    assert free[0].sum() < 0.2 * free[1].sum()
+    assert not [what for what in told(driven(rest, ROOMS, generator, slam=Slam(preset("viny-hc")))) if "hardly" in what]
