@@ -34,6 +34,11 @@ class Span(NamedTuple):
         return stamp < self.last and stamp + seconds > self.first
 
 
+def in_number(number: int, one: str, many: str) -> str:
+    """Return a number and what it counts, as in "1 scan is lost" and "2 scans are lost"."""
+    return f"{number} {one if number == 1 else many}"
+
+
 def gaps_in_words(lengths: list[float]) -> str:
     """Return the number and the lengths of gaps as text; `lengths` (N,), one or more [s]."""
     if len(lengths) == 1:
@@ -141,7 +146,7 @@ class ReadingCounts:
 
     def summary(self) -> str:
         """Return one or two lines of text: used scans, dropped scans with reasons, and anomalies."""
-        lines = [f"{self.scans_used} of {self.scans_read} scans used"]
+        lines = [f"{self.scans_used} of {in_number(self.scans_read, 'scan', 'scans')} used"]
         if self.dropped:
             lines[0] += ", dropped: " + ", ".join(f"{n} {reason}" for reason, n in sorted(self.dropped.items()))
         total = sum(self.beams.values())
@@ -149,22 +154,23 @@ class ReadingCounts:
             shares = (f"{100.0 * n / total:.1f} % {fate}" for fate, n in sorted(self.beams.items()))
             lines[0] += "; beams: " + ", ".join(shares)
         oddities = [
-            f"{number} {what}"
-            for number, what in (
-                (self.backward_stamps, "backward stamps"),
-                (self.same_stamps, "repeated stamps"),
-                (self.beam_count_changes, "changes of the beam count"),
-                (self.extrapolated, "scans after the last odometry"),
-                (self.without_odometry, "scans without odometry"),
-                (self.clock_disagreements, "scans with a clock of their own"),
-                (self.doubtful_sweeps, "scans with doubtful times of beams"),
+            in_number(number, one, many)
+            for number, one, many in (
+                (self.backward_stamps, "backward stamp", "backward stamps"),
+                (self.same_stamps, "repeated stamp", "repeated stamps"),
+                (self.beam_count_changes, "change of the beam count", "changes of the beam count"),
+                (self.extrapolated, "scan after the last odometry", "scans after the last odometry"),
+                (self.without_odometry, "scan without odometry", "scans without odometry"),
+                (self.clock_disagreements, "scan with a clock of its own", "scans with a clock of their own"),
+                (self.doubtful_sweeps, "scan with doubtful times of beams", "scans with doubtful times of beams"),
             )
             if number
         ]
         if self.gaps:
             oddities.append(gaps_in_words(self.pauses_in(None)))
         if self.lost_scans:
-            oddities.append(f"about {self.lost_scans} scans, {self.lost_seconds:.1f} s, lost in a damaged file")
+            lost = in_number(self.lost_scans, "scan", "scans")
+            oddities.append(f"about {lost}, {self.lost_seconds:.1f} s, lost in a damaged file")
         if (code := self.likely_code()) is not None:
             oddities.append(f"{self.farthest_beams} beams of exactly {code:.6g} m (try --no-return-code {code:.6g})")
         if oddities:

@@ -8,7 +8,7 @@ from queue import Empty, Queue
 from threading import Event, Thread
 from typing import TypeAlias, TypeVar
 
-from datasets.counts import ReadingCounts, Span, gaps_in_words
+from datasets.counts import ReadingCounts, Span, gaps_in_words, in_number
 from datasets.errors import DatasetError
 from tbmslam.sensing.laser_scan import Reading
 
@@ -83,17 +83,18 @@ def _why_nothing(counts: ReadingCounts) -> str:
     reasons = ", ".join(f"{number} {reason}" for reason, number in sorted(counts.dropped.items()))
     main = max(counts.dropped, key=lambda reason: counts.dropped[reason], default="")
     remedy = _REMEDIES.get(main, "choose another --scan-topic")
-    return f"none of {counts.scans_read} scans can be used ({reasons}): {remedy}"
+    return f"none of {in_number(counts.scans_read, *_SCANS)} can be used ({reasons}): {remedy}"
 
 
 _DROPPED = {
-    "before_odometry": "they came before the first odometry",
-    "impossible_angles": "their angles are impossible",
-    "empty": "they were empty",
-    "duplicate": "they were there twice",
-    "unreadable": "they could not be read",
-    "other_frame": "they came from another laser on the same topic",
+    "before_odometry": "before the first odometry",
+    "impossible_angles": "impossible angles",
+    "empty": "empty",
+    "duplicate": "there twice",
+    "unreadable": "unreadable",
+    "other_frame": "from another laser on the same topic",
 }
+_SCANS, _ARE = ("scan", "scans"), ("scan is", "scans are")
 _MANY = 0.01
 """Least share of all beams that causes a warning."""
 
@@ -121,30 +122,31 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
 
 def _counted(counts: ReadingCounts) -> list[str]:
     warnings = [
-        f"{number} of {counts.scans_read} scans were dropped: {_DROPPED.get(reason, reason)}"
+        f"{number} of {in_number(counts.scans_read, 'scan was', 'scans were')} dropped: {_DROPPED.get(reason, reason)}"
         for reason, number in sorted(counts.dropped.items())
     ]
     warnings += [
-        f"{number} scans {what}"
-        for number, what in (
-            (counts.backward_stamps, "are stamped earlier than the scan before: the clock stepped back"),
-            (counts.same_stamps, "have the stamp of an earlier scan"),
-            (counts.clock_disagreements, "are stamped by another clock than the rest of the recording"),
-            (counts.extrapolated, "came after the last odometry, which was extrapolated"),
-            (counts.without_odometry, "had no odometry, so scan matching alone estimated the motion"),
-            (counts.doubtful_sweeps, "state an impossible time between beams"),
+        f"{in_number(number, *words)} {what}"
+        for number, words, what in (
+            (counts.backward_stamps, _ARE, "stamped earlier than the scan before: the clock stepped back"),
+            (counts.same_stamps, ("scan has", "scans have"), "the stamp of an earlier scan"),
+            (counts.clock_disagreements, _ARE, "stamped by another clock than the rest of the recording"),
+            (counts.extrapolated, _SCANS, "came after the last odometry, which was extrapolated"),
+            (counts.without_odometry, _SCANS, "had no odometry, so scan matching alone estimated the motion"),
+            (counts.doubtful_sweeps, ("scan states", "scans state"), "an impossible time between beams"),
         )
         if number
     ]
     if (code := counts.likely_code()) is not None:
         warnings.append(
-            f"{counts.farthest_beams} beams end at exactly {code:.6g} m, the longest range of all, which may be a "
-            f"code for no return: try --no-return-code {code:.6g}"
+            f"{in_number(counts.farthest_beams, 'beam ends', 'beams end')} at exactly {code:.6g} m, the longest range "
+            f"of all, which may be a code for no return: try --no-return-code {code:.6g}"
         )
     if counts.beam_count_changes:
-        warnings.append(f"the number of beams changed {counts.beam_count_changes} times")
+        warnings.append(f"the number of beams changed {in_number(counts.beam_count_changes, 'time', 'times')}")
     if counts.lost_scans:
-        warnings.append(f"about {counts.lost_scans} scans, {counts.lost_seconds:.1f} s, are lost in a damaged file")
+        lost = in_number(counts.lost_scans, *_SCANS)
+        warnings.append(f"about {lost}, {counts.lost_seconds:.1f} s, lost in a damaged file")
     return warnings
 
 

@@ -8,6 +8,7 @@ from itertools import islice
 import numpy as np
 
 from datasets.clouds import CloudSlice, choose_slice, mounting
+from datasets.counts import in_number
 from datasets.errors import DatasetError
 from datasets.odometry.frames import Frames, Step, find_robot_frame, plain
 from datasets.odometry.se3 import SE3
@@ -188,7 +189,7 @@ def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, sur
     if not lasers:
         raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
     if survey.laser is None:
-        listed = ", ".join(f"{laser.frame} ({laser.scans} scans)" for laser in lasers)
+        listed = ", ".join(f"{laser.frame} ({in_number(laser.scans, 'scan', 'scans')})" for laser in lasers)
         raise DatasetError(
             f"{files.paths[0]}: no scan of {topics.scan} has the frame {options.laser_frame}; "
             f"there are {listed}: choose one with --laser-frame"

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from datasets.counts import ReadingCounts
+from datasets.counts import ReadingCounts, in_number
 from datasets.odometry.frames import plain
 from datasets.odometry.source import Mounting, NoMotion, TfMotion, TopicMotion
 from datasets.odometry.synchronisation import EXTRAPOLATION_LIMIT_S, Pairing
@@ -94,10 +94,12 @@ class _Pass:
                 files.topics[topic].messages,
             )
         lost, seconds = self._counts.lost_scans, self._counts.lost_seconds
-        estimate = f"about {lost} scans, {seconds:.1f} s, are lost" if lost else "no scan seems to be lost"
+        estimate = (
+            f"about {in_number(lost, 'scan', 'scans')}, {seconds:.1f} s, lost" if lost else "no scan seems to be lost"
+        )
         for line in files.damages():
             known = "some are lost" if (vague or UNKNOWN_LOSS in line) and not lost else estimate
-            logger.warning("%s; %d scans were read, %s", line, self._counts.scans_read, known)
+            logger.warning("%s; %s read, %s", line, in_number(self._counts.scans_read, "scan was", "scans were"), known)
 
     def _take(self, message: Message, cleaned: Iterator[CleanScan]) -> None:
         """Add the scan, the transforms or the odometry of a message; count what cannot be read."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from datasets.counts import in_number
 from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
 from datasets.rosbag.files import BagFiles, Topic
@@ -97,7 +98,7 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
     if len(filled) == 1:
         return filled[0].name
     if filled:
-        listed = ", ".join(f"{topic.name} ({topic.messages} scans)" for topic in filled)
+        listed = ", ".join(f"{topic.name} ({in_number(topic.messages, 'scan', 'scans')})" for topic in filled)
         kind = scans[0].msgtype.rsplit("/", 1)[-1]
         raise DatasetError(f"{_names(files)}: several {kind} topics hold scans: {listed}: choose one with --scan-topic")
     if scans:

@@ -147,8 +147,8 @@ def standing_warnings(trajectory: Trajectory, keyframes: Keyframes) -> list[EndW
     if not 0 < drawn < _FEW_KEYFRAMES or scans < _FEW_KEYFRAMES * drawn:
         return []
     text = (
-        f"the robot hardly moved ({trajectory.driven():.1f} m): the map is drawn from {drawn} of {scans} scans, so that "
-        f"most free space stays unknown in map.pgm; drive the robot, or map again with --set keyframes.distance=0"
+        f"the robot hardly moved ({trajectory.driven():.1f} m): the map is drawn from {drawn} of {scans} scans, so "
+        f"that most free space stays unknown in map.pgm; drive the robot, or map again with --set keyframes.distance=0"
     )
     return [EndWarning("standing", text)]
 

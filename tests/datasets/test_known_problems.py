@@ -129,7 +129,7 @@ def test_messages_of_ros_1_have_their_sequence_number():
 def test_several_topics_and_stamps_left_at_zero(script, tmp_path):
     driven(script).scan(101.0, topic="/a").scan(0.0, topic="/b", bag_time=102.0)
     with pytest.raises(
-        DatasetError, match=r"several LaserScan topics hold scans: /a \(1 scans\), /b \(1 scans\): choose"
+        DatasetError, match=r"several LaserScan topics hold scans: /a \(1 scan\), /b \(1 scan\): choose"
     ):
         read(script, tmp_path)
     (tmp_path / "other").mkdir()

@@ -139,16 +139,16 @@ def test_every_fault_is_a_sentence():
         )
     )
     assert said == [
-        "8 of 100 scans were dropped: they were empty",
+        "8 of 100 scans were dropped: empty",
         "2 of 100 scans were dropped: something_new",
         "3 scans are stamped earlier than the scan before: the clock stepped back",
-        "1 scans have the stamp of an earlier scan",
+        "1 scan has the stamp of an earlier scan",
         "4 scans are stamped by another clock than the rest of the recording",
         "5 scans came after the last odometry, which was extrapolated",
         "9 scans had no odometry, so scan matching alone estimated the motion",
         "7 scans state an impossible time between beams",
         "the number of beams changed 6 times",
-        "about 40 scans, 8.0 s, are lost in a damaged file",
+        "about 40 scans, 8.0 s, lost in a damaged file",
         "20% of the beams are not a number",
         "2 gaps of 9.0 s in all without a scan, the longest 7.0 s: motion during a gap is unknown",
         "the mount of the laser on the robot is not recorded: a default was used",
@@ -171,7 +171,7 @@ def test_a_part_has_its_own_gaps_and_the_counts_of_the_whole():
     made.counts.add_gap(10.0, 3.0)
     made.counts.add_gap(50.0, 4.0)
     counted = [
-        "in the whole recording, 8 of 100 scans were dropped: they were empty",
+        "in the whole recording, 8 of 100 scans were dropped: empty",
         "in the whole recording, 20% of the beams are not a number",
     ]
     assert recording_warnings(made, Span(60.0, 90.0)) == counted

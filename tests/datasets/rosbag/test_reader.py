@@ -168,7 +168,7 @@ def test_profile_stata(script, expected_pose, tmp_path):
     script.scan(102.0, topic="/base_scan", frame="base_laser_link").scan(102.0, topic="/tilt_scan", frame="tilt")
     bag = script.in_time_order().write(tmp_path / "run.bag")
     with pytest.raises(
-        DatasetError, match=r"several LaserScan topics hold scans: /base_scan \(1 scans\), /tilt_scan \(1 scans\)"
+        DatasetError, match=r"several LaserScan topics hold scans: /base_scan \(1 scan\), /tilt_scan \(1 scan\)"
     ):
         read(bag)
     readings, recording = read(bag, profile="stata")

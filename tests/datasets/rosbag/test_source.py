@@ -63,7 +63,7 @@ def test_the_loss_of_a_truncated_recording_is_stated(shared_data, caplog):
     assert number == 2436
     assert number + counts.lost_scans == pytest.approx(13631, rel=0.06)  # what the whole bag holds
     assert re.search(
-        r"cut off or its index is damaged; 2436 scans were read, about \d+ scans, 1\d\d\d\.\d s, are lost", caplog.text
+        r"cut off or its index is damaged; 2436 scans were read, about \d+ scans, 1\d\d\d\.\d s, lost", caplog.text
     )
 
 

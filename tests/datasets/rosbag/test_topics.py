@@ -69,7 +69,7 @@ def choose(path, **options):
 def test_several_scan_topics_are_listed(script, tmp_path):
     script.drive(100.0, 103.0).scan(101.0, topic="/front").scan(101.1, topic="/rear").scan(101.2, topic="/rear")
     bag = script.in_time_order().write(tmp_path / "run.bag")
-    topics = r"/front \(1 scans\), /rear \(2 scans\)"
+    topics = r"/front \(1 scan\), /rear \(2 scans\)"
     message = rf"run\.bag: several LaserScan topics hold scans: {topics}: choose one with --scan-topic"
     with pytest.raises(DatasetError, match=message):
         choose(bag)
@@ -174,7 +174,7 @@ def test_several_topics_of_echoes_are_listed(script, tmp_path):
     with_echoes(script, 100.1, "/vertical")
     bag = script.write(tmp_path / "echoes", "sqlite3")
     with pytest.raises(
-        DatasetError, match=r"several MultiEchoLaserScan topics hold scans: /horizontal \(1 scans\), /vertical"
+        DatasetError, match=r"several MultiEchoLaserScan topics hold scans: /horizontal \(1 scan\), /vertical"
     ):
         choose(bag)
 

@@ -20,7 +20,7 @@ def robot(run=None):
 RUN = {
     "recording": {"name": "monday"},
     "counts": {"scans_read": 7},
-    "warnings": ["5 of 7 scans were dropped: they were empty"],
+    "warnings": ["5 of 7 scans were dropped: empty"],
     "versions": {"python": "3.11"},
     "config": {"map": {"resolution": 0.5}},
     "result": {"correction_m": 2.5},
@@ -33,7 +33,7 @@ def test_every_robot_has_a_sheet_a_row_and_its_warnings():
     assert page.tables[0].rows[0] == ["a", "monday", "2", "7", "0", "5.0", "2.0", "0", "2.500", "0.2", "0.5"]
     assert page.tables[0].rows[1][:4] == ["b", "–", "2", "–"]
     assert page.warnings == [
-        "a: 5 of 7 scans were dropped: they were empty",
+        "a: 5 of 7 scans were dropped: empty",
         "a: closing loops moved the drive by up to 2.5 m, because it had drifted",
         "a, b: no loop was closed in 5 m, so the drift of the drive is unknown",
     ]

@@ -144,5 +144,5 @@ def test_parts_of_recordings_have_different_names(bag, tmp_path):
 def test_a_failed_robot_is_named_once(bag, tmp_path, caplog):
     blind = BagScript().drive(100.0, 103.0).scan(101.0, [np.nan] * 90).in_time_order().write(tmp_path / "blind.bag")
     assert run(bag, blind, "--separate", "-o", tmp_path / "out", *QUICK) == 1
-    (line,) = [message for message in caplog.messages if "none of 1 scans can be used" in message]
-    assert line.startswith("blind: none of 1 scans")
+    (line,) = [message for message in caplog.messages if "none of 1 scan can be used" in message]
+    assert line.startswith("blind: none of 1 scan")
