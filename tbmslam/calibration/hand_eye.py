@@ -26,6 +26,8 @@ LEAST_ERROR = 0.005
 """Smallest standard deviation of a motion by scans [m]."""
 _LEAST_SCALE = 1e-6
 _ROUNDS = 10
+_SETTLED_M = 1e-6
+"""Change of the unknowns by which the rounds end [m]."""
 FREE = np.diag([1e-9, 1e-9, 1e-9, 1e-9, 1e-4])
 """Prior information of the unknowns: position, cosine and sine, and the lag."""
 
@@ -42,7 +44,7 @@ class SensorPlace(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """Motions between two poses each, and their linear equations."""
+    """Motions between two poses each, with M rotations and linear equations."""
 
     ends: npt.NDArray[np.int64]
     """Indices of the first and the last pose of each motion (2, M)."""
@@ -50,18 +52,17 @@ class Motions(NamedTuple):
     """Coefficients (M, 2, 5) of the laser's x, y, of the cosine and sine of its rotation, and of the lag."""
     sides: FloatArray
     """Right sides (M, 2) [m]."""
+    turns: FloatArray
+    """Rotations (M, 2) of the robot by odometry and of the laser by scans, equal whatever its pose is [rad]."""
 
 
-def sensor_place(
-    stamps: FloatArray, odometry: FloatArray, sensors: FloatArray, parts: int, least: int
-) -> SensorPlace | None:
+def sensor_place(motions: Motions, parts: int, least: int) -> SensorPlace | None:
     """Estimate the pose of the laser on the robot; None if there are too few motions.
 
-    `odometry` (K, 3) are the poses of the robot by odometry at times (K,) [s], nan if unknown, and `sensors` (K, 3)
-    those of the laser in the map. The drive is divided into `parts` with at least `least` motions each. The differences
-    of their estimates give the standard deviations.
+    The drive is divided into `parts` with at least `least` motions each. The differences of their estimates give the
+    standard deviations.
     """
-    _, slopes, sides = motions_of(stamps, odometry, sensors)
+    slopes, sides = motions.slopes, motions.sides
     if len(sides) < parts * least:
         return None
     whole, _ = solved(slopes, sides)
@@ -74,21 +75,15 @@ def sensor_place(
     return SensorPlace((x, y, math.atan2(whole[3], whole[2])), (deviation_x, deviation_y, max(turn)), scale)
 
 
-def turns(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rotations of the robot by odometry and of the laser by scans, (M,) each [rad].
-
-    Parameters and motions are those of `sensor_place`. The rotations are equal whatever the pose of the laser.
-    """
-    first, last = _ends(sensors)
-    wheels = np.remainder(odometry[last, 2] - odometry[first, 2] + math.pi, math.tau) - math.pi
-    seen = np.remainder(sensors[last, 2] - sensors[first, 2] + math.pi, math.tau) - math.pi
-    usable = np.isfinite(wheels) & (stamps[last] - stamps[first] < _LONGEST_S)
-    return wheels[usable], seen[usable]
-
-
 def motions_of(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> Motions:
-    """Return the motions of a drive with their equations; parameters are those of `sensor_place`."""
+    """Return the motions of a drive with their equations.
+
+    `odometry` (K, 3) are the poses of the robot by odometry at times (K,) [s], nan if unknown, and `sensors` (K, 3)
+    those of the laser in the map.
+    """
     ends = _ends(sensors)
+    if not ends.size:
+        return Motions(ends, np.zeros((0, 2, 5)), np.zeros((0, 2)), np.zeros((0, 2)))
     first, last = ends
     wheels = compose(inverse(odometry[first]), odometry[last])
     seen = compose(inverse(sensors[first]), sensors[last])
@@ -101,7 +96,8 @@ def motions_of(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) ->
     slopes, sides = np.stack((along, across), axis=1), wheels[:, :2]
     duration = stamps[last] - stamps[first]
     usable = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(sides).all(axis=1) & (duration < _LONGEST_S)
-    return Motions(ends[:, usable], slopes[usable], sides[usable])
+    turns = np.column_stack((wheels[:, 2], seen[:, 2]))
+    return Motions(ends[:, usable], slopes[usable], sides[usable], turns[usable])
 
 
 def _ends(sensors: FloatArray) -> npt.NDArray[np.int64]:
@@ -121,12 +117,14 @@ def solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArra
     # All equations in one matrix: matrix products are much faster than sums over motions.
     rows, right = slopes.reshape(-1, 5), sides.ravel()
     for _ in range(_ROUNDS):
-        weighted = rows * np.repeat(weights, 2)[:, None]
+        weighted, before = rows * np.repeat(weights, 2)[:, None], unknowns
         curvature = weighted.T @ rows + FREE
         unknowns = np.asarray(np.linalg.solve(curvature, weighted.T @ right), dtype=np.float64)
         errors = np.hypot(*(right - rows @ unknowns).reshape(-1, 2).T)
         error = max(1.48 * float(np.median(errors)), LEAST_ERROR)
         weights = 1.0 / (1.0 + (errors / (2.0 * error)) ** 2)
+        if np.abs(unknowns - before).max() < _SETTLED_M:
+            break
     return unknowns, curvature / error**2
 
 

@@ -19,10 +19,8 @@ from tbmslam.calibration.hand_eye import (
     LEAST_ERROR,
     Motions,
     deviations_of_parts,
-    motions_of,
     sensor_place,
     solved,
-    turns,
 )
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, wrap_angles
@@ -50,20 +48,16 @@ class MountCheckConfig(FrozenConfig):
     turning: float = Field(2.0 * math.pi, gt=0, description="least total rotation for a laser upside down [rad]")
 
 
-def mount_warning(keyframes: Keyframes, odometry: FloatArray, config: MountCheckConfig) -> str | None:
-    """Return a warning if odometry and scans contradict the stated mount of the laser, else None.
-
-    `odometry` (K, 3) are the poses of the robot by odometry at the keyframes; nan if unknown.
-    """
+def mount_warning(keyframes: Keyframes, motions: Motions, config: MountCheckConfig) -> str | None:
+    """Return a warning if the motions of odometry and scans contradict the stated mount of the laser, else None."""
     if not config.enabled or len(keyframes) < 2 or np.ptp(keyframes.sensor_poses, axis=0).any():
         return None
-    sensors = keyframes.all_sensor_poses()
-    if _is_upside_down(*turns(keyframes.stamps, odometry, sensors), config):
+    if _is_upside_down(motions.turns[:, 0], motions.turns[:, 1], config):
         return (
             "the scans turn left where the odometry turns right: the laser hangs upside down, and the map is a mirror "
             "image (--upside-down; --no-upside-down where tf says so), or the odometry is wrong (--odometry none)"
         )
-    place = sensor_place(keyframes.stamps, odometry, sensors, config.parts, config.motions)
+    place = sensor_place(motions, config.parts, config.motions)
     if place is None or not 1.0 / (1.0 + config.scale) <= place.scale <= 1.0 + config.scale:
         return None
     stated, limits = keyframes.sensor_poses[0].tolist(), (config.distance, config.distance, config.angle)
@@ -117,14 +111,11 @@ class MountChange(NamedTuple):
     """The rotation, counterclockwise [rad]."""
 
 
-def mount_changes(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray, least: float) -> list[MountChange]:
+def mount_changes(motions: Motions, odometry: FloatArray, sensors: FloatArray, least: float) -> list[MountChange]:
     """Return the rotations of the laser on its robot, larger than `least` [rad], in the order of the drive.
 
-    The poses (K, 3) are those of the robot by odometry, nan if unknown, and of the laser in the map, at times (K,) [s].
+    The poses (K, 3) are those of `tbmslam.calibration.hand_eye.motions_of`, which returns the motions.
     """
-    if len(stamps) < 2:
-        return []
-    motions = motions_of(stamps, odometry, sensors)
     splits, known = _splits(motions, least, _DEPTH), dict[tuple[int, int], tuple[float, float]]()
     while splits:
         edges = [0, *splits, len(motions.sides)]
@@ -158,7 +149,7 @@ def _splits(motions: Motions, least: float, depth: int) -> list[int]:
 
 
 def _some(motions: Motions, part: slice) -> Motions:
-    return Motions(motions.ends[:, part], motions.slopes[part], motions.sides[part])
+    return Motions(motions.ends[:, part], motions.slopes[part], motions.sides[part], motions.turns[part])
 
 
 def _split(motions: Motions) -> tuple[int, float] | None:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tbmslam.calibration.hand_eye import motions_of
 from tbmslam.calibration.mount_check import MountChange, MountCheckConfig, mount_changes, mount_warning
 from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.geometry.trajectory import Trajectory, elapsed_times
@@ -187,14 +188,16 @@ class DriveReview:
         """Return the warnings for the mount of the laser; its mean is checked only if it never changed."""
         if not self._mount.enabled or len(keyframes) < 2:
             return []
-        changes = mount_changes(keyframes.stamps, odometry_poses, keyframes.all_sensor_poses(), self._mount.angle)
+        sensors = keyframes.all_sensor_poses()
+        motions = motions_of(keyframes.stamps, odometry_poses, sensors)
+        changes = mount_changes(motions, odometry_poses, sensors, self._mount.angle)
         if changes:
             ends = [
                 *(float(keyframes.stamps[change.keyframe]) for change in changes),
                 float(trajectory.stamps[-1]) + _TIME_STEP_S,
             ]
             return [self._change_warning(changes[: number + 1], ends, keyframes) for number in range(len(changes))]
-        text = mount_warning(keyframes, odometry_poses, self._mount)
+        text = mount_warning(keyframes, motions, self._mount)
         return [EndWarning("mount", text)] if text else []
 
     def _change_warning(

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.calibration.hand_eye import deviations_of_parts, sensor_place
+from tbmslam.calibration.hand_eye import deviations_of_parts, motions_of, sensor_place
 from tbmslam.geometry.se2 import SE2, compose
 
 PLACE = SE2(0.3, -0.1, 0.4)
@@ -39,7 +39,7 @@ def off(place, true=PLACE):
 def test_a_place_is_found_with_wheels_that_are_larger_than_thought(drive, generator):
     stamps, poses, _, _ = drive
     wheels = poses * [1.1, 1.1, 1.0]
-    place = sensor_place(stamps, wheels, seen_from(poses, generator), 6, 8)
+    place = sensor_place(motions_of(stamps, wheels, seen_from(poses, generator)), 6, 8)
     assert place.pose == pytest.approx(PLACE, abs=0.03)
     assert max(off(place)) < 4.0
     assert max(place.deviations) < 0.02
@@ -56,7 +56,7 @@ def test_odometry_that_fails_for_a_while_hardly_matters(drive, generator, wrong)
         odometry[200:230] = odometry[200]
     else:
         odometry[100:200] = math.nan
-    place = sensor_place(stamps, odometry, seen_from(poses, generator), 6, 8)
+    place = sensor_place(motions_of(stamps, odometry, seen_from(poses, generator)), 6, 8)
     assert place.pose == pytest.approx(PLACE, abs=0.04)
     assert max(off(place)) < 4.0
 
@@ -64,13 +64,13 @@ def test_odometry_that_fails_for_a_while_hardly_matters(drive, generator, wrong)
 def test_a_clock_that_lags_is_no_wrong_place(drive, generator):
     stamps, poses, speeds, rates = drive
     ahead = np.column_stack((0.3 * speeds, np.zeros(STEPS), 0.3 * rates))
-    place = sensor_place(stamps, poses, seen_from(compose(poses, ahead), generator), 6, 8)
+    place = sensor_place(motions_of(stamps, poses, seen_from(compose(poses, ahead), generator)), 6, 8)
     assert place.pose == pytest.approx(PLACE, abs=0.04)
 
 
 def test_where_the_robot_never_turns_the_place_is_open_but_not_its_turn(generator):
     poses = np.column_stack((0.1 * np.arange(STEPS), np.zeros(STEPS), np.zeros(STEPS)))
-    place = sensor_place(0.2 * np.arange(STEPS), poses, seen_from(poses, generator), 6, 8)
+    place = sensor_place(motions_of(0.2 * np.arange(STEPS), poses, seen_from(poses, generator)), 6, 8)
     assert place.pose[2] == pytest.approx(0.4, abs=0.01)
     assert place.deviations[2] < 0.01
     assert min(place.deviations[:2]) > 0.1
@@ -79,15 +79,15 @@ def test_where_the_robot_never_turns_the_place_is_open_but_not_its_turn(generato
 def test_too_few_motions_tell_nothing(drive, generator):
     stamps, poses, _, _ = drive
     sensors = seen_from(poses, generator)
-    assert sensor_place(stamps, poses, sensors, 6, 40) is None
-    assert sensor_place(stamps, np.full((STEPS, 3), math.nan), sensors, 6, 8) is None
-    assert sensor_place(stamps[:2], poses[:2], sensors[:2], 6, 8) is None
-    assert sensor_place(100.0 * stamps, poses, sensors, 6, 8) is None
+    assert sensor_place(motions_of(stamps, poses, sensors), 6, 40) is None
+    assert sensor_place(motions_of(stamps, np.full((STEPS, 3), math.nan), sensors), 6, 8) is None
+    assert sensor_place(motions_of(stamps[:2], poses[:2], sensors[:2]), 6, 8) is None
+    assert sensor_place(motions_of(100.0 * stamps, poses, sensors), 6, 8) is None
 
 
 def test_stamps_may_stand_still(drive, generator):
     _, poses, _, _ = drive
-    place = sensor_place(np.zeros(STEPS), poses, seen_from(poses, generator), 6, 8)
+    place = sensor_place(motions_of(np.zeros(STEPS), poses, seen_from(poses, generator)), 6, 8)
     assert place.pose == pytest.approx(PLACE, abs=0.03)
 
 

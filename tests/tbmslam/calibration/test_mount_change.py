@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from tbmslam.calibration.hand_eye import motions_of
 from tbmslam.calibration.mount_check import mount_changes
 from tbmslam.geometry.se2 import SE2, compose
 
@@ -34,23 +35,27 @@ def seen(true, generator, turns=()):
 @pytest.mark.parametrize("turn", [-0.7, -0.15, 0.12, 0.35])
 def test_a_knock_is_found_at_its_keyframe(drive, generator, turn):
     stamps, true, wheels = drive
-    (change,) = mount_changes(stamps, wheels, seen(true, generator, [(170, turn)]), LEAST)
+    (change,) = changes(stamps, wheels, seen(true, generator, [(170, turn)]), LEAST)
     assert abs(change.keyframe - 170) <= 1
     assert change.turn == pytest.approx(turn, abs=0.02)
 
 
+def changes(stamps, odometry, sensors, least):
+    return mount_changes(motions_of(stamps, odometry, sensors), odometry, sensors, least)
+
+
 def test_two_knocks_are_found_in_order(drive, generator):
     stamps, true, wheels = drive
-    found = mount_changes(stamps, wheels, seen(true, generator, [(130, 0.3), (290, -0.2)]), LEAST)
+    found = changes(stamps, wheels, seen(true, generator, [(130, 0.3), (290, -0.2)]), LEAST)
     assert [change.turn for change in found] == pytest.approx([0.3, -0.2], abs=0.03)
     assert [change.keyframe for change in found] == pytest.approx([130, 290], abs=1)
 
 
 def test_a_fixed_laser_has_no_change_at_any_mount(drive, generator):
     stamps, true, wheels = drive
-    assert mount_changes(stamps, wheels, seen(true, generator), LEAST) == []
-    assert mount_changes(stamps, wheels, seen(true, generator, [(0, 0.5)]), LEAST) == []
-    assert mount_changes(stamps, wheels, seen(true, generator, [(200, 0.03)]), LEAST) == []
+    assert changes(stamps, wheels, seen(true, generator), LEAST) == []
+    assert changes(stamps, wheels, seen(true, generator, [(0, 0.5)]), LEAST) == []
+    assert changes(stamps, wheels, seen(true, generator, [(200, 0.03)]), LEAST) == []
 
 
 def test_faulty_odometry_is_no_knock(drive, generator):
@@ -64,11 +69,11 @@ def test_faulty_odometry_is_no_knock(drive, generator):
     turned[200:] = compose(np.array(SE2(1.0, 0.0, 0.6))[None], wheels[200:])  # a jump as of a robot that is carried
     missing = np.full_like(wheels, math.nan)
     for odometry in (reversed_since, turned, missing):
-        assert mount_changes(stamps, odometry, sensors, LEAST) == []
+        assert changes(stamps, odometry, sensors, LEAST) == []
 
 
 def test_a_short_drive_gives_no_estimate(drive, generator):
     stamps, true, wheels = drive
     sensors = seen(true, generator, [(20, 0.5)])
-    assert mount_changes(stamps[:40], wheels[:40], sensors[:40], LEAST) == []
-    assert mount_changes(stamps[:1], wheels[:1], sensors[:1], LEAST) == []
+    assert changes(stamps[:40], wheels[:40], sensors[:40], LEAST) == []
+    assert changes(stamps[:1], wheels[:1], sensors[:1], LEAST) == []

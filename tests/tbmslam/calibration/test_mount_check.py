@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tbmslam.calibration.hand_eye import motions_of
 from tbmslam.calibration.mount_check import MountCheckConfig, mount_warning
 from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.map.keyframes import Keyframes
@@ -21,6 +22,10 @@ def winding(turning=0.5):
     return np.array(poses)
 
 
+def warning(keyframes, odometry, config):
+    return mount_warning(keyframes, motions_of(keyframes.stamps, odometry, keyframes.all_sensor_poses()), config)
+
+
 def doubt(stated, generator, odometry=None, turning=0.5, config=CONFIG):
     """Return what is said where the laser is stated to sit somewhere, and the odometry is what it is."""
     true = winding(turning)
@@ -29,7 +34,7 @@ def doubt(stated, generator, odometry=None, turning=0.5, config=CONFIG):
     scans = [replace(scan, stamp=0.3 * k) for k in range(STEPS)]
     poses = compose(sensors, inverse(np.array([stated])))
     keyframes = Keyframes.from_scans(scans, [SE2(*pose) for pose in poses], [stated] * STEPS)
-    return mount_warning(keyframes, true if odometry is None else odometry, config)
+    return warning(keyframes, true if odometry is None else odometry, config)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +84,7 @@ def test_there_is_no_warning_for_a_moving_laser_or_if_disabled(generator):
     for steps in (STEPS, 1):
         poses = winding()[:steps]
         moving = Keyframes.from_scans([scan] * steps, [SE2(*pose) for pose in poses], places[:steps])
-        assert mount_warning(moving, poses, CONFIG) is None
+        assert warning(moving, poses, CONFIG) is None
 
 
 def mirrored(generator, turning=0.5):
