@@ -10,7 +10,7 @@ from pydantic import Field
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, path_lengths
 from tbmslam.kernels.rays.counting import count_scans
-from tbmslam.kernels.rays.lattice import Lattice
+from tbmslam.kernels.rays.lattice import Lattice, PlainLattice
 from tbmslam.kernels.search.correlation import (
     WALL,
     GainField,
@@ -90,12 +90,13 @@ class Submap:
         self._config = config
         chosen = np.arange(first, last + 1)
         hits = drive.placed(chosen, self.anchor, _HITS * len(chosen))
-        self._coarse: tuple[GainField, Lattice] | None = None
+        self._coarse: tuple[GainField, PlainLattice] | None = None
         self._surfaces = SurfelMap.of(hits, surfels)
         T_map_anchor = drive.poses[None, self.anchor]
         lasers = compose(inverse(T_map_anchor), drive.poses[first : last + 1])
         begins = drive.begins(chosen, _HITS * len(chosen))
-        self._field, self._lattice = _search_field(lasers, hits.points, begins, config)
+        self._field, lattice = _search_field(lasers, hits.points, begins, config)
+        self._lattice: PlainLattice = (*lattice,)
 
     def search(self, points: FloatArray, guess: SE2, shift: float, turn: float) -> Find:
         """Find the pose at which points (N, 2) agree best with the submap, within `shift` [m] and `turn` [rad].
@@ -125,12 +126,13 @@ class Submap:
         if self._coarse is None:
             self._coarse = coarser_field(self._field, self._lattice)
         field, lattice = self._coarse
+        resolution, _, _ = lattice
         step = 2.0 * self._config.turn_step
-        reach, half = math.ceil(shift / lattice.resolution), math.ceil(min(turn, math.pi) / step)
+        reach, half = math.ceil(shift / resolution), math.ceil(min(turn, math.pi) / step)
         turns = np.arange(-half, half + 1, dtype=np.float64) * step
-        clear = math.ceil(self._config.same_place / lattice.resolution)
-        scores, found = top_places(correlate(field, lattice, points, guess, turns, reach), 0.0, clear, count)
-        cells = (found[:, 1:] - reach) * lattice.resolution
+        clear = math.ceil(self._config.same_place / resolution)
+        scores, found = top_places(correlate(field, lattice, points, (*guess,), turns, reach), 0.0, clear, count)
+        cells = (found[:, 1:] - reach) * resolution
         return [
             (score / (WALL * len(points)), SE2(guess.x + col, guess.y + row, guess.theta + float(turns[k])))
             for score, k, (row, col) in zip(scores.tolist(), found[:, 0].tolist(), cells.tolist(), strict=True)
@@ -147,7 +149,7 @@ class Submap:
         turns = np.arange(-half, half + 1, dtype=np.float64) * config.turn_step
         cost = config.shift_cost * config.resolution * WALL * len(points)
         clear = math.ceil(config.same_place / config.resolution)
-        sums = correlate(self._field, self._lattice, points, guess, turns, reach)
+        sums = correlate(self._field, self._lattice, points, (*guess,), turns, reach)
         scores, found = top_places(sums, cost, clear, count)
         places = []
         for score, (k, row, col) in zip(scores.tolist(), found.tolist(), strict=True):
@@ -160,7 +162,7 @@ class Submap:
     def fit(self, hits: Hits, guess: SE2) -> Fit:
         """Register hits to the surfaces from an initial guess, and verify them."""
         laid = self._surfaces.register(hits, guess, guess, self._PRIOR, self._SEARCH)
-        violated = share_in_free_space(self._field, self._lattice, hits.points, laid.pose)
+        violated = share_in_free_space(self._field, self._lattice, hits.points, (*laid.pose,))
         return Fit(laid.pose, laid.hessian, laid.matched, violated)
 
 

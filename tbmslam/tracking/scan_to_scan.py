@@ -111,7 +111,7 @@ class RecentScans:
 def motion_between(before: FloatArray, now: FloatArray, guess: SE2) -> ScanMotion:
     """Return the motion, near a guess, between scans with hits (N, 2), (M, 2) in the frames of the laser [m]."""
     field, lattice = _field(before)
-    sums = correlate(field, lattice, np.ascontiguousarray(now), (*guess,), _TURNS, _REACH)
+    sums = correlate(field, (*lattice,), np.ascontiguousarray(now), (*guess,), _TURNS, _REACH)
     alike = sums / (WALL * len(now))
     changes = _TURNS[:, None, None] ** 2 + _SHIFTS[:, None] ** 2 + _SHIFTS**2
     posterior = alike - _PRIOR * np.log1p(changes / _CHANGE**2)

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel
 from tbmslam.kernels.rays.counting import Counts, hits_in, passages_in
-from tbmslam.kernels.rays.lattice import Lattice
+from tbmslam.kernels.rays.lattice import PlainLattice
 from tbmslam.kernels.search.windows import add_window, blocks_for
 
 GainField = npt.NDArray[np.int8]
@@ -45,7 +45,7 @@ def search_field(counts: Counts, free_penalty: float) -> GainField:
 
 
 @kernel
-def coarser_field(field: GainField, lattice: Lattice) -> tuple[GainField, Lattice]:
+def coarser_field(field: GainField, lattice: PlainLattice) -> tuple[GainField, PlainLattice]:
     """Return a field with cells of twice the size, each with the maximum of its cells, and its lattice."""
     resolution, first_row, first_col = lattice
     rows, cols = field.shape
@@ -56,11 +56,11 @@ def coarser_field(field: GainField, lattice: Lattice) -> tuple[GainField, Lattic
         for col in range(cols):
             r, c = (first_row + row) // 2 - top, (first_col + col) // 2 - left
             coarse[r, c] = max(coarse[r, c], field[row, col])
-    return coarse, Lattice(2.0 * resolution, top, left)
+    return coarse, (2.0 * resolution, top, left)
 
 
 @kernel
-def share_in_free_space(field: GainField, lattice: Lattice, points: FloatArray, pose: Pose) -> float:
+def share_in_free_space(field: GainField, lattice: PlainLattice, points: FloatArray, pose: Pose) -> float:
     """Return the share of points (N, 2), transformed by a pose, that lie in cells with a negative score."""
     resolution, first_row, first_col = lattice
     rows, cols = field.shape
@@ -109,7 +109,7 @@ def top_places(sums: Sums, cost: float, clear: int, count: int) -> tuple[FloatAr
 
 @kernel
 def correlate(
-    field: GainField, lattice: Lattice, points: FloatArray, guess: Pose, turns: FloatArray, reach: int
+    field: GainField, lattice: PlainLattice, points: FloatArray, guess: Pose, turns: FloatArray, reach: int
 ) -> Sums:
     """Return the sum of the field at points (N, 2) for every turn and every shift by whole cells.
 
