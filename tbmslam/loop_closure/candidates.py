@@ -138,7 +138,8 @@ class ClosingTargets:
     ) -> None:
         self._hits, self._config, self._surfels = hits, config, surfels
         self._min_gap, self._familiar = min_gap, familiar
-        self._stretches = np.array(split_into_submaps(hits.poses, config.length))
+        self._stretches = split_into_submaps(hits.poses, config.length)
+        self._travelled: list[float] = hits.travelled.tolist()
         self._decided = 0
         # First and last keyframes of the targets, in the order of the drive.
         self._firsts, self._lasts = np.zeros((2, len(self._stretches)), dtype=np.int64)
@@ -152,9 +153,9 @@ class ClosingTargets:
 
     def advance(self, keyframe: int) -> None:
         """Advance to a keyframe: segments far enough behind it become targets."""
-        travelled = self._hits.travelled
+        travelled = self._travelled
         while self._decided < len(self._stretches):
-            first, last = self._stretches[self._decided].tolist()
+            first, last = self._stretches[self._decided]
             if travelled[last] >= travelled[keyframe] - self._min_gap:
                 break
             self._decided += 1
@@ -162,33 +163,32 @@ class ClosingTargets:
             if laid == 0 or laid < self._familiar * searched:
                 self._firsts[len(self._ends)], self._lasts[len(self._ends)] = first, last
                 self._latest[len(self._ends)] = (first + last) // 2
-                self._ends.append(float(travelled[last]))
-                self._graph.add_place(float(travelled[(first + last) // 2]))
+                self._ends.append(travelled[last])
+                self._graph.add_place(travelled[(first + last) // 2])
 
     def note(self, keyframe: int, targets: Sequence[int]) -> None:
         """Note the targets to which a searched keyframe was registered; keyframes come in the drive's order."""
         self._searched[keyframe], self._laid[keyframe] = True, bool(targets)
         for target in targets:
-            self._latest[target], self.last_met = keyframe, float(self._hits.travelled[keyframe])
+            self._latest[target], self.last_met = keyframe, self._travelled[keyframe]
             self._graph.meet(target, self.last_met)
 
     def near(self, keyframe: int, poses: FloatArray, limit: float) -> NearTargets:
         """Return the targets of earlier visits whose paths, by the poses (K, 3), are within a limit [m]."""
-        travelled = self._hits.travelled
-        old = bisect_left(self._ends, travelled[keyframe] - self._min_gap)
+        old = bisect_left(self._ends, self._travelled[keyframe] - self._min_gap)
         firsts, lasts = self._firsts[:old], self._lasts[:old]
         return NearTargets(*nearest_stretches(poses, keyframe, firsts, lasts, limit, self._config.length))
 
     def path_lengths(self, keyframe: int) -> FloatArray:
         """Return the length of the shortest path (T,) from a keyframe to each target, over all registrations [m]."""
-        return self._graph.paths_from(float(self._hits.travelled[keyframe]))
+        return self._graph.paths_from(self._travelled[keyframe])
 
     def anchors(self, keyframe: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Return the middle keyframes (T,) of targets of earlier visits, and those (T,) last registered to them.
 
         Without a registration it is the middle one.
         """
-        old = bisect_left(self._ends, self._hits.travelled[keyframe] - self._min_gap)
+        old = bisect_left(self._ends, self._travelled[keyframe] - self._min_gap)
         return (self._firsts[:old] + self._lasts[:old]) // 2, self._latest[:old]
 
     def stretch(self, target: int) -> tuple[int, int]:
