@@ -1,6 +1,7 @@
 """Registers each scan on the surfels of earlier keyframes, with errors far below the size of a cell."""
 
 import math
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -205,7 +206,7 @@ class SurfelTracker:
         others = registered(predicted, predicted.mean, self._narrow, result) if prior.by_odometry else []
         other = inertia or predicted
         others += registered(other, other.mean, self._search, result)
-        best = min([result, *others], key=cost)
+        least, best = _cheapest([result, *others], cost) if others else (None, result)
         if best.matched >= self._config.doubtful:
             self._rest = 0
             return best
@@ -217,11 +218,11 @@ class SurfelTracker:
                 for belief in beliefs
                 for registration in registered(belief, self._best_near(hits, belief.mean), self._search, best)
             ]
-            cheapest = min(found, key=cost, default=best)
-            if cost(cheapest) < cost(best) - _WORTHWHILE:
-                self._rest, self._in_vain, best = 0, 1.0, cheapest
-            else:
-                self._rest, self._in_vain = self._config.search_rest, best.matched
+            self._rest, self._in_vain = self._config.search_rest, best.matched
+            if found:
+                cost_found, cheapest = _cheapest(found, cost)
+                if cost_found < (cost(best) if least is None else least) - _WORTHWHILE:
+                    self._rest, self._in_vain, best = 0, 1.0, cheapest
         return best
 
     def _may_be_faulty(self, prior: PosePrior) -> bool:
@@ -265,6 +266,15 @@ class SurfelTracker:
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))
         self._view = scan.ranges, scan.angle_min, scan.angle_increment + scan.beam_step.theta, (*pose,)
+
+
+def _cheapest(
+    registrations: Sequence[Registration], cost: Callable[[Registration], float]
+) -> tuple[float, Registration]:
+    """Return the smallest cost of registrations, and the first one that has it."""
+    costs = [cost(each) for each in registrations]
+    least = min(costs)
+    return least, registrations[costs.index(least)]
 
 
 def _unmatched(result: Registration, prior: PosePrior, between: ScanMotion | None, T_robot_sensor: SE2) -> ScanMatch:
