@@ -29,7 +29,7 @@ from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.optimisation.bundle_adjustment import adjust
 from tbmslam.optimisation.graph_optimisation import optimise
-from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, relative_pose
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge, relative_pose
 from tbmslam.parallel.executor import Progress
 from tbmslam.tracking.surfel_map import SurfelConfig
 from tbmslam.tracking.tracked_keyframe import chain
@@ -237,7 +237,7 @@ def refine_jointly(
         if len(closures) < config.min_closures or not _reach_all(owners, closures):
             logger.info("%d closures between robots are too few: the alignment stays rigid", len(closures))
             return None
-        moved = optimise(moved, chain, found, config.robust_width)
+        moved = optimise(moved, EdgeArrays.of(chain), found, config.robust_width)
     if config.adjustment.enabled:
         scans = [track.hits.scans for track in tracks]
         chains = [MotionChain.of([edge for edge in own if edge.target == edge.source + 1]) for own in steps]

@@ -16,7 +16,7 @@ from merging.config.groups import GraphConfig
 from merging.map_graph.links import CentroidFrames, Edge, GroupLinks, edges_of, is_same_pose
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.optimisation.graph_optimisation import optimise
-from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _finished(poses: dict[str, SE2], edges: list[Edge], centroids: CentroidFrame
             MotionEdge(names.index(e.pair[0]), names.index(e.pair[1]), e.motion, _information(e, config))
             for e in agreeing
         ]
-        solved = optimise(np.array([exact[name] for name in names]), [], motions, config.robust_width)
+        solved = optimise(np.array([exact[name] for name in names]), EdgeArrays.of([]), motions, config.robust_width)
         exact = {name: SE2.from_array(pose) for name, pose in zip(names, solved, strict=True)}
     return Group({**centroids.maps(exact), names[0]: SE2.identity()}, tuple(used), outvoted)
 

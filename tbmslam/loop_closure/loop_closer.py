@@ -28,7 +28,7 @@ from tbmslam.loop_closure.submap import SubmapConfig
 from tbmslam.map.drive import spread_corrections
 from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.optimisation.graph_optimisation import optimise
-from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, edge_errors, relative_pose
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge, edge_errors, relative_pose
 from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig
@@ -241,7 +241,7 @@ class _Drive:
         self._add_closures()
         believed = [self.closures[key] for key in new]
         nodes = np.unique([0, *(end for edge in self.closures.values() for end in (edge.source, edge.target))])
-        chain = [*self._chain.between(nodes), *believed]
+        chain = EdgeArrays.joined([self._chain.between(nodes), EdgeArrays.of(believed)])
         closures, width = self.closures.values(), self.config.robust_width
         solved = optimise(self.poses, chain, closures, width, nodes, _ROUGHLY)
         self.poses = spread_corrections(self._tracked, nodes, solved)

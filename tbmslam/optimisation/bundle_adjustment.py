@@ -31,7 +31,7 @@ from tbmslam.kernels.adjustment.wall_pieces import (
 )
 from tbmslam.map.drive import spread_corrections
 from tbmslam.map.scan_hits import ScanHits
-from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge
 from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
 
 logger = logging.getLogger(__name__)
@@ -102,8 +102,8 @@ def adjust(
         Further trusted motions between keyframes.
     """
     stretches = RigidStretches(poses, [len(scans) for scans in drives], config)
-    believed = [*stretches.between(chains), *others]
-    motions = motions_of(believed, closures, closure_width, stretches.owners, stretches.places)
+    believed = EdgeArrays.joined([stretches.between(chains), EdgeArrays.of(others)])
+    motions = motions_of(believed, EdgeArrays.of(closures), closure_width, stretches.owners, stretches.places)
     coarse = coarse_space_of(stretches.ends)
     hits = stretches.hits(drives, config)
     held = np.tile(_DAMPING * np.eye(3), (len(stretches.middles), 1, 1))
@@ -151,16 +151,14 @@ class RigidStretches:
         self.owners: npt.NDArray[np.int64] = np.repeat(np.arange(len(starts)), ends - starts)
         self.places = compose(inverse(poses[self.middles][self.owners]), poses)
 
-    def between(self, chains: Sequence[MotionChain]) -> list[MotionEdge]:
+    def between(self, chains: Sequence[MotionChain]) -> EdgeArrays:
         """Return the motions from the middle of each segment to that of the next one of its drive."""
-        motions = list[MotionEdge]()
+        parts = []
         for number, ((first, _), chain) in enumerate(zip(self._drives(), chains, strict=True)):
             middles = self.middles[self.ends[number] : self.ends[number + 1]]
-            motions += [
-                MotionEdge(first + edge.source, first + edge.target, edge.T_source_target, edge.information)
-                for edge in chain.between(middles - first)
-            ]
-        return motions
+            own = chain.between(middles - first)
+            parts.append(own._replace(ends=first + own.ends))
+        return EdgeArrays.joined(parts)
 
     def hits(self, drives: Sequence[ScanHits], config: AdjustmentConfig) -> StretchHits:
         """Return the hits of the segments."""

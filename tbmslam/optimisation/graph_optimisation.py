@@ -12,7 +12,7 @@ import numpy.typing as npt
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, wrap_angles
 from tbmslam.kernels.adjustment.motion_systems import Motions, motion_equations
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem
-from tbmslam.optimisation.pose_graph import MotionEdge
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
 from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
 
 _GAUGE = 1e12
@@ -32,7 +32,7 @@ _NO_LINES = LineSystem(np.empty((0, 3, 2)), np.empty((0, 3)), np.empty(0, dtype=
 
 def optimise(
     poses: FloatArray,
-    chain: Iterable[MotionEdge],
+    chain: EdgeArrays,
     closures: Iterable[MotionEdge],
     robust_width: float,
     nodes: npt.NDArray[np.int64] | None = None,
@@ -63,7 +63,7 @@ def optimise(
         return at
     numbers = np.zeros(len(poses), dtype=np.int64)
     numbers[nodes] = np.arange(len(nodes))
-    motions = motions_of([*chain], [*closures], robust_width, numbers, np.zeros((len(poses), 3)))
+    motions = motions_of(chain, EdgeArrays.of([*closures]), robust_width, numbers, np.zeros((len(poses), 3)))
     coarse, damping = coarse_space_of([0, len(at)]), _DAMPING
     error = _error(motions, at)
     for _ in range(_MOST_STEPS):
@@ -101,7 +101,7 @@ def _error(motions: Motions, poses: FloatArray) -> float:
 
 def relative_covariance(
     poses: FloatArray,
-    chain: Sequence[MotionEdge],
+    chain: EdgeArrays,
     closures: Sequence[MotionEdge],
     robust_width: float,
     source: int,
@@ -112,10 +112,11 @@ def relative_covariance(
     It is a block of the inverse of the Gauss-Newton matrix (Kaess and Dellaert, "Covariance recovery from a square root
     information matrix for data association", 2009). Chain and closures together connect source and target.
     """
-    nodes = np.unique([end for edge in (*chain, *closures) for end in (edge.source, edge.target)])
+    doubted = EdgeArrays.of(closures)
+    nodes = np.unique(np.concatenate((chain.ends, doubted.ends)))
     numbers = np.zeros(len(poses), dtype=np.int64)
     numbers[nodes] = np.arange(len(nodes))
-    motions = motions_of(chain, closures, robust_width, numbers, np.zeros((len(poses), 3)))
+    motions = motions_of(chain, doubted, robust_width, numbers, np.zeros((len(poses), 3)))
     at, coarse = poses[nodes], coarse_space_of([0, len(nodes)])
     own, system, _ = motion_equations(motions, at)
     held, asked = numbers[source], numbers[target]

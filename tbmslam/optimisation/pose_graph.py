@@ -45,6 +45,12 @@ class EdgeArrays(NamedTuple):
         informations = np.concatenate([np.empty((0, 3)), *(edge.information for edge in edges)])
         return cls(ends.reshape(-1, 2), motions.reshape(-1, 3), informations.reshape(-1, 3, 3))
 
+    @classmethod
+    def joined(cls, parts: Sequence["EdgeArrays"]) -> "EdgeArrays":
+        """Return the edges of all parts in order; at least one part is needed."""
+        ends, motions, informations = zip(*parts, strict=True)
+        return cls(np.concatenate(ends), np.concatenate(motions), np.concatenate(informations))
+
 
 def relative_pose(poses: FloatArray, source: int, target: int) -> SE2:
     """Return one pose of (N, 3) as seen from another."""
@@ -89,13 +95,8 @@ class MotionChain:
         _, steps, informations = EdgeArrays.of(edges)
         return cls(steps, informations)
 
-    def between(self, nodes: npt.NDArray[np.int64]) -> list[MotionEdge]:
+    def between(self, nodes: npt.NDArray[np.int64]) -> EdgeArrays:
         """Return the motions from each of some poses, given by rising indices (M,), to the next."""
         steps, covariances = compose_chain(self._steps, self.covariances, nodes)
-        keys = nodes.tolist()
-        return [
-            MotionEdge(source, target, SE2(*step), information)
-            for source, target, step, information in zip(
-                keys[:-1], keys[1:], steps.tolist(), np.linalg.inv(covariances), strict=True
-            )
-        ]
+        informations: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
+        return EdgeArrays(np.column_stack((nodes[:-1], nodes[1:])), steps, informations)

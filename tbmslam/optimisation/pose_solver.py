@@ -10,7 +10,7 @@ from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.adjustment.motion_systems import Motions
 from tbmslam.kernels.adjustment.pose_systems import PoseSystem
 from tbmslam.kernels.adjustment.two_levels import CoarseSpace, Preconditioner, conjugate_gradients, preconditioner_of
-from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
+from tbmslam.optimisation.pose_graph import EdgeArrays
 
 _MOST_STEPS = 1000
 
@@ -64,8 +64,8 @@ def coarse_space_of(ends: Sequence[int]) -> CoarseSpace:
 
 
 def motions_of(
-    believed: Sequence[MotionEdge],
-    doubted: Sequence[MotionEdge],
+    believed: EdgeArrays,
+    doubted: EdgeArrays,
     width: float,
     owners: npt.NDArray[np.int64],
     places: FloatArray,
@@ -75,6 +75,6 @@ def motions_of(
     Doubted motions have a Cauchy kernel of a width [standard deviations]. `owners` (K,) is the pose of each viewpoint,
     and `places` (K, 3) the viewpoint in the frame of its pose.
     """
-    ends, measured, informations = EdgeArrays.of([*believed, *doubted])
-    widths = np.repeat([np.inf, width], [len(believed), len(doubted)])
+    ends, measured, informations = EdgeArrays.joined([believed, doubted])
+    widths = np.repeat([np.inf, width], [len(believed.ends), len(doubted.ends)])
     return Motions(owners[ends], places[ends], measured, informations, widths)

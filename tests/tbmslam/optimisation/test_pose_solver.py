@@ -4,7 +4,7 @@ import pytest
 from tbmslam.geometry.se2 import SE2, compose
 from tbmslam.kernels.adjustment.motion_systems import motion_equations
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem, times
-from tbmslam.optimisation.pose_graph import MotionEdge, edge_errors, relative_pose
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge, edge_errors, relative_pose
 from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
 
 COUNT = 20
@@ -13,7 +13,7 @@ COUNT = 20
 def test_the_residual_is_as_small_as_requested(generator):
     poses = np.cumsum(generator.normal(0.0, 0.3, (COUNT, 3)), axis=0)
     edges = [MotionEdge(k, k + 1, SE2(0.3, 0.0, 0.1), np.diag([4e2, 3e2, 9e2])) for k in range(COUNT - 1)]
-    motions = motions_of(edges, [], 1.0, np.arange(COUNT), np.zeros((COUNT, 3)))
+    motions = motions_of(EdgeArrays.of(edges), EdgeArrays.of([]), 1.0, np.arange(COUNT), np.zeros((COUNT, 3)))
     own, between, _ = motion_equations(motions, poses)
     nothing = np.zeros(0, dtype=np.int64)
     lines = LineSystem(np.zeros((0, 3, 2)), np.zeros((0, 3)), nothing, np.zeros(1, dtype=np.int64))
@@ -80,7 +80,9 @@ def cost(edges, poses, places):
 
 def system_of(believed, doubted, poses, places):
     """Return the whole curvature (9, 9) and the gradient (3, 3)."""
-    own, system, gradient = motion_equations(motions_of(believed, doubted, 2.0, OWNERS, places), poses)
+    own, system, gradient = motion_equations(
+        motions_of(EdgeArrays.of(believed), EdgeArrays.of(doubted), 2.0, OWNERS, places), poses
+    )
     curvature = np.zeros((9, 9))
     for k in range(3):
         curvature[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = own[k]
