@@ -25,7 +25,9 @@ _STEP = 8
 _BAND = 8 * SIDE
 """Rows of cells that are resampled at once, to limit the memory."""
 _ROUNDS = 8
-"""Fixed-point iterations of the inverse. Each multiplies the error by a tenth, or by the deformation per metre."""
+"""Most fixed-point iterations of the inverse. Each multiplies the error by a tenth, or by the deformation per metre."""
+_EXACT = 0.01
+"""Change of the inverse that ends its iterations [cells]."""
 _LEAST_COMMON = 10
 """Least number of common cells that fix a rigid transform."""
 _MIN_SCALE_ERROR = 0.01
@@ -59,16 +61,21 @@ class Deformation:
 
     def apply(self, points: FloatArray) -> FloatArray:
         """Transform points (K, 2) of the source to the target's frame."""
-        weights = self._weights(points)
-        return np.asarray(sum(weights[:, [i]] * motion.apply(points) for i, motion in enumerate(self.motions)))
+        cos, sin, x, y = self._means_at(points)
+        moved = cos * points[:, 0] - sin * points[:, 1] + x, sin * points[:, 0] + cos * points[:, 1] + y
+        return np.column_stack(moved)
 
     def motion_at(self, point: FloatArray) -> SE2:
         """Return the rigid T_target_source near a point (2,) of the source."""
-        weights = self._weights(point[None])[0]
-        angles = np.array([motion.theta for motion in self.motions])
-        theta = math.atan2(float(weights @ np.sin(angles)), float(weights @ np.cos(angles)))
+        cos, sin, _, _ = self._means_at(point[None])[:, 0]
+        theta = math.atan2(float(sin), float(cos))
         x, y = self.apply(point[None])[0] - SE2(0.0, 0.0, theta).apply(point)
         return SE2(float(x), float(y), theta)
+
+    def _means_at(self, points: FloatArray) -> FloatArray:
+        """Return the weighted means (4, K) of the tiles' cosines, sines and shifts at points (K, 2)."""
+        entries = np.array([(math.cos(m.theta), math.sin(m.theta), m.x, m.y) for m in self.motions])
+        return np.asarray(np.einsum("kn,ne->ek", self._weights(points), entries))  # BLAS would round by its threads
 
     def nearest_rigid(self) -> SE2:
         """Return the rigid transform that fits the tiles best."""
@@ -158,7 +165,10 @@ class Deformation:
         centres = wanted.centres_of(*(index.ravel() for index in np.meshgrid(rows, cols, indexing="ij")))
         points = centres
         for _ in range(_ROUNDS):
-            points = points + centres - T_source_target.apply(self.apply(points))
+            missing = centres - T_source_target.apply(self.apply(points))
+            points = points + missing
+            if np.abs(missing).max() < _EXACT * source.resolution:
+                break
         cells = (points - (source.origin_x, source.origin_y)) / source.resolution
         row, col = np.mgrid[: wanted.rows, : wanted.cols].astype(np.float32) / _STEP
         x, y = (
@@ -169,7 +179,8 @@ class Deformation:
 
     def _weights(self, points: FloatArray) -> FloatArray:
         """Return the weights (K, N) of the tiles at points (K, 2)."""
-        squares = ((points[:, None] - self.centroids) ** 2).sum(axis=2)
+        dx, dy = (points[:, [axis]] - self.centroids[:, axis] for axis in range(2))
+        squares = dx * dx + dy * dy
         weights = np.exp((squares.min(axis=1, keepdims=True) - squares) / (2.0 * self.reach_m**2))
         return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
