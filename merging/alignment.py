@@ -109,7 +109,7 @@ class Alignment:
         For `correlation`, the score of the best pose divided by that of the next pose, on coarse cells; 0 if there is
         none.
     starts
-        For `correlation`, the poses from which a deformation starts: that best pose, and the best rigid one if it is
+        For `correlation`, the poses from which a deformation starts: the best poses, and the best rigid one if it is
         likely enough; each of the map with less wall in the frame of the other map.
     decoys
         For `correlation`, the evidence for the best poses of the source's mirror image, at most three: what chance

@@ -13,8 +13,9 @@ from scipy import optimize
 from scipy.stats import binomtest
 
 from merging.config import MergeConfig
-from merging.nonrigid.deformation import DeformableMap, deform
-from merging.nonrigid.search import DeformedRivals
+from merging.nonrigid.deformation import DeformableMap
+from merging.nonrigid.hypotheses import DeformedPoses
+from merging.nonrigid.search import DeformedRivals, first_apart
 from merging.registration.correlation import find_candidates, propose
 from merging.rigid_alignment import prepared
 from merging.scoring import MEASURES, SIGNS, ConfidenceModel, by_chance, features, find_decoys, measured
@@ -164,7 +165,7 @@ class Trial:
 
     @classmethod
     def of_deformed(cls, pair: KnownPair, config: MergeConfig, weight: float = 1.0) -> "Trial | None":
-        """Deform one map of a pair at the best pose of the correlation and at its rivals; None if it does not fit."""
+        """Deform one map of a pair at its most likely pose and at the rivals; None if it fits nowhere."""
         structures = [WallMap.from_grid(item.grid, config.structure) for item in (pair.target, pair.source)]
         if not all(item.grid.is_known().any() for item in (pair.target, pair.source)) or without_walls(*structures):
             return None
@@ -172,10 +173,11 @@ class Trial:
         target, grid = structures[1 - moving], (pair.target, pair.source)[moving].grid
         source = DeformableMap.of(grid, config, structures[moving])
         proposals = propose(target, source.structure, config.correlation).motions
-        deformed = deform(target, source, proposals[0], config)
-        if deformed is None:
+        poses = DeformedPoses(target, source, config)
+        likeliest = poses.likeliest(first_apart(proposals, source.structure, config.nonrigid.places), ())
+        if likeliest is None:
             return None
-        rivals = DeformedRivals.of(target, source, deformed.motion, proposals, config)
+        rivals = DeformedRivals.of(poses, likeliest[1], proposals)
         near = np.array([pair.is_near(pose if moving == 1 else pose.inverse()) for pose in rivals.motions], np.bool_)
         return cls(pair.name, rivals.evidence, rivals.decoys, near, near, weight)
 

@@ -158,7 +158,7 @@ class NonrigidConfig(FrozenConfig):
     # Of 66 deformed pairs of simulated floors that are aligned by it, the smallest factor is 1.08. 60 of 187 pairs of
     # different places have less than 1.05. The limit saves a quarter of the time.
     min_lead: float = Field(1.05, ge=0, description="least score of the best pose relative to the next one's")
-    places: Count = Field(1, description="poses of the correlation that are tried")
+    places: Count = Field(8, description="poses of the correlation from which a deformation starts")
     rivals: Count = Field(8, description="further poses that are deformed too and must not fit as well")
     min_agreement: Share = Field(0.5, description="least agreement of a registered tile")
     min_wall_m: Metres = Field(3.0, description="least agreeing wall of a registered tile [m]")

@@ -295,24 +295,46 @@ class DeformedMap:
     """The deformed map in its own frame."""
 
 
+@dataclass(frozen=True)
+class TileFit:
+    """A deformation by tiles that fit a target map."""
+
+    deformation: Deformation
+    """The deformation."""
+    support_m: float
+    """Agreeing wall of the fitting tiles, less the weighted length of all other compared walls [m]."""
+
+
 def deform(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> DeformedMap | None:
     """Deform a source map to fit a target map near an initial pose; None if fewer than two of its tiles fit."""
-    deformation = Deformation.of_rigid(start)
+    fit = fit_tiles(target, source, start, config)
+    if fit is None:
+        return None
+    return deformed_by(fit.deformation, fit.deformation.nearest_in_overlap(target, source.structure), source)
+
+
+def fit_tiles(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> TileFit | None:
+    """Register the tiles of a source map near an initial pose, round by round; None if fewer than two fit."""
+    fit = TileFit(Deformation.of_rigid(start), 0.0)
     for tiles in source.rounds:
-        fitting = _registered_tiles(target, tiles, deformation, config)
-        if len(fitting) < 2:
+        found = _registered_tiles(target, tiles, fit.deformation, config)
+        if found is None:
             return None
-        deformation = Deformation.of_tiles([tile for tile, _ in fitting], [motion for _, motion in fitting])
-    motion = deformation.nearest_in_overlap(target, source.structure)
+        fit = found
+    return fit
+
+
+def deformed_by(deformation: Deformation, motion: SE2, source: DeformableMap) -> DeformedMap:
+    """Return a source map after a deformation, with the rigid transform nearest to it."""
     residual_m, residual_rad = deformation.residuals(motion)
     return DeformedMap(deformation, motion, residual_m, residual_rad, deformation.deformed(source.grid, motion))
 
 
 def _registered_tiles(
     target: WallMap, tiles: Sequence[WallMap], initial: Deformation, config: MergeConfig
-) -> list[tuple[WallMap, SE2]]:
-    """Refine each tile from its initial pose; return the tiles that fit near it, with their T_target_source."""
-    settings, fitting = config.nonrigid, list[tuple[WallMap, SE2]]()
+) -> TileFit | None:
+    """Refine each tile from its initial pose; return the deformation by those that fit; None for fewer than two."""
+    settings, fitting, support_m = config.nonrigid, list[tuple[WallMap, SE2]](), 0.0
     for tile in tiles:
         start = initial.motion_at(tile.centroid)
         motion = refine_all(target, tile, [start], config)[0]
@@ -320,4 +342,8 @@ def _registered_tiles(
         fits = agreed_m >= settings.min_agreement * compared_m and agreed_m >= settings.min_wall_m
         if fits and math.dist(motion.apply(tile.centroid), start.apply(tile.centroid)) <= settings.farthest_m:
             fitting.append((tile, motion))
-    return fitting
+            support_m += agreed_m
+        support_m -= config.verification.other_weight * (compared_m - agreed_m)
+    if len(fitting) < 2:
+        return None
+    return TileFit(Deformation.of_tiles(*zip(*fitting, strict=True)), support_m)

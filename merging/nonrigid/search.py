@@ -4,7 +4,8 @@ The correlation works on coarse cells and tolerates some tenths of a metre, so i
 verification refuses them. A deformed map fits more poses than a rigid one. Therefore the deformed map must pass a new
 rigid alignment without an initial guess, and must stand out among rivals that were deformed as well: other poses of the
 map, and poses of its mirror image. Registered tiles leave some distance between corresponding walls. If one pose stands
-out clearly in the correlation, a second attempt tolerates larger distances.
+out clearly in the correlation, a second attempt tolerates larger distances. A deformed map often fits best at a pose
+that is not the correlation's first, so deformations start at several (`merging.nonrigid.hypotheses`).
 
 A rigid pose may be accepted although the maps are deformed, if most walls agree there. The other walls would be doubled
 in the merged map, and the pose would be that of one part of the overlap. Therefore a map is deformed at an accepted
@@ -31,8 +32,9 @@ from merging.fusion import at_resolution
 from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap, deform
+from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import Candidate, Proposals, best_of, elsewhere, lead_of, propose, refine_all
+from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose, refine_all
 from merging.registration.features import Features
 from merging.rigid_alignment import PreparedMap, align_prepared, align_whole, comparison_resolution
 from merging.scoring import confidences
@@ -64,27 +66,19 @@ class DeformedRivals:
     """The evidence for poses of the mirror image (D,)."""
 
     @classmethod
-    def of(
-        cls, target: WallMap, source: DeformableMap, pose: SE2, proposals: list[SE2], config: MergeConfig
-    ) -> "DeformedRivals":
-        """Deform a map at a pose and at its rivals, and deform its mirror image at the best poses of the image.
+    def of(cls, poses: DeformedPoses, pose: DeformedPose, proposals: list[SE2]) -> "DeformedRivals":
+        """Deform a map at the rivals of a pose, and deform its mirror image at the best poses of the image.
 
         Rivals that end at one place, or at that of the pose in question, count once.
         """
-        mirror = DeformableMap.of(source.grid.mirrored(), config)
-        decoys = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
-        starts = [pose, *_rivals(target, source, proposals, config)]
-        starts = first_apart(starts, source.structure, len(starts))
-        evidence = dict[SE2, Evidence]()
-        for start in starts:
-            motion, found = _deformed_at(target, source, start, config)
-            evidence.setdefault(motion, found)
-        motions = first_apart(list(evidence), source.structure, len(evidence))
-        return cls(
-            motions,
-            [evidence[motion] for motion in motions],
-            [_deformed_at(target, mirror, motion, config)[1] for motion in decoys],
-        )
+        target, config = poses.target, poses.config
+        mirror = DeformableMap.of(poses.source.grid.mirrored(), config)
+        mirrored = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
+        rivals = [pose, *poses.best(_rivals(target, poses.source, proposals, config))]
+        evidence = {rival.motion: rival.evidence for rival in rivals}
+        motions = first_apart(list(evidence), poses.source.structure, len(evidence))
+        decoys = [decoy.evidence for decoy in DeformedPoses(target, mirror, config).best(mirrored)]
+        return cls(motions, [evidence[motion] for motion in motions], decoys)
 
 
 def first_apart(poses: list[SE2], source: WallMap, count: int) -> list[SE2]:
@@ -97,16 +91,6 @@ def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config
     fitting = [pose for pose, _ in best_of(proposals, target, source.structure, config)]
     rivals = [*first_apart(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
     return first_apart(rivals, source.structure, len(rivals))
-
-
-def _deformed_at(target: WallMap, source: DeformableMap, pose: SE2, config: MergeConfig) -> Candidate:
-    """Return a pose and its evidence after the map was deformed there, or without deformation if that fails."""
-    deformed = deform(target, source, pose, config)
-    if deformed is None:
-        motion = refine_all(target, source.structure, [pose], config)[0]
-        return motion, examine(target, source.structure, motion, config.verification)
-    structure = WallMap.from_grid(deformed.grid, config.structure)
-    return deformed.motion, _evidence_near(target, structure, deformed.motion, config)
 
 
 def _evidence_near(target: WallMap, source: WallMap, pose: SE2, config: MergeConfig) -> Evidence:
@@ -139,11 +123,9 @@ class Peak(NamedTuple):
     """The evidence for some poses of the mirror image."""
 
 
-def peak_of(refused: Alignment, config: MergeConfig) -> Peak | None:
-    """Return the best poses of a refused alignment; None if more poses are to be tried."""
-    if not refused.starts or config.nonrigid.places > 1:
-        return None
-    return Peak(refused.starts, refused.lead, refused.decoys)
+def peak_of(refused: Alignment) -> Peak | None:
+    """Return the best poses of a refused alignment; None if it kept none."""
+    return Peak(refused.starts, refused.lead, refused.decoys) if refused.starts else None
 
 
 def align_deformable(target: TbmMap, source: TbmMap, config: MergeConfig) -> Alignment:
@@ -164,7 +146,7 @@ def _registration(
     if rigid.accepted and target is not None and source is not None:
         return register_accepted(target, source, rigid, config)
     if may_be_deformed(rigid, config):
-        return register_deformable(target, source, config, peak_of(rigid, config))
+        return register_deformable(target, source, config, peak_of(rigid))
     return None
 
 
@@ -240,55 +222,40 @@ def _register_onto(
     proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most pairs need none
     decoys: Sequence[Evidence] = ()
     if peak is not None:
-        poses = first_apart(list(peak.motions), source.structure, len(peak.motions))
+        starts = peak.motions
         lead, decoys = peak.lead, peak.decoys
     else:
-        poses = first_apart(proposals().motions, source.structure, config.nonrigid.places)
+        starts = first_apart(proposals().motions, source.structure, config.nonrigid.places)
         lead = lead_of(proposals(), source.structure)
-    found = _attempt(target, source, poses, decoys, proposals, config)
+    found = _attempt(target, source, starts, decoys, proposals, config)
     if found is None and lead >= config.nonrigid.clear_lead:
-        found = _attempt(target, source, poses, decoys, proposals, config.with_wide_distances())
+        found = _attempt(target, source, starts, decoys, proposals, config.with_wide_distances())
     return found
 
 
 def _attempt(
     target: DeformableMap,
     source: DeformableMap,
-    poses: Sequence[SE2],
+    starts: Sequence[SE2],
     decoys: Sequence[Evidence],
     proposals: Callable[[], Proposals],
     config: MergeConfig,
 ) -> NonrigidRegistration | None:
-    """Deform the source at each pose, and return the first deformed map that is aligned there and beats its rivals."""
-    fixed = target.structure
-    for pose in poses:
-        deformed = deform(fixed, source, pose, config)
-        if deformed is None:
-            continue
-        structure = WallMap.from_grid(deformed.grid, config.structure)
-        if decoys and _is_hopeless(fixed, structure, deformed.motion, decoys, config):
-            continue
-        rigid = align_prepared(_prepared(target), PreparedMap(structure, Features.none()), config, decoys)
-        if not _is_aligned_at(deformed.motion, rigid, config):
-            continue
-        rivals = DeformedRivals.of(fixed, source, deformed.motion, proposals().motions, config)
-        confidence = confidences(rivals.evidence, rivals.decoys, deformed=True)[0]
-        if confidence < config.verification.min_confidence:
-            continue
-        reason = f"confidence {format_confidence(confidence)} among deformed rivals; after deformation: {rigid.reason}"
-        return NonrigidRegistration(_accepted(rigid, deformed, confidence, reason), deformed.deformation)
-    return None
-
-
-def _is_hopeless(
-    target: WallMap, deformed: WallMap, pose: SE2, decoys: Sequence[Evidence], config: MergeConfig
-) -> bool:
-    """Return whether a deformed map has too little confidence at its pose even without rivals and most decoys.
-
-    Further rivals and decoys hardly ever increase the confidence.
-    """
-    evidence = _evidence_near(target, deformed, pose, config)
-    return confidences([evidence], decoys)[0] < config.verification.min_confidence
+    """Deform the source at the most likely start; return it if it is aligned there and beats its rivals."""
+    poses, least = DeformedPoses(target.structure, source, config), config.verification.min_confidence
+    likeliest = poses.likeliest(starts, decoys)
+    if likeliest is None or (decoys and likeliest[0] < least):
+        return None
+    pose = likeliest[1]
+    rigid = align_prepared(_prepared(target), PreparedMap(pose.structure, Features.none()), config, decoys)
+    if not _is_aligned_at(pose.motion, rigid, config):
+        return None
+    rivals = DeformedRivals.of(poses, pose, proposals().motions)
+    confidence = confidences(rivals.evidence, rivals.decoys, deformed=True)[0]
+    if confidence < least or pose.deformed is None:
+        return None
+    reason = f"confidence {format_confidence(confidence)} among deformed rivals; after deformation: {rigid.reason}"
+    return NonrigidRegistration(_accepted(rigid, pose.deformed, confidence, reason), pose.deformed.deformation)
 
 
 def _is_aligned_at(pose: SE2, found: Alignment, config: MergeConfig) -> bool:

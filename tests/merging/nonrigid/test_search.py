@@ -10,7 +10,8 @@ from merging import MergeConfig, align, merge
 from merging.alignment import Alignment, deviations
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
-from merging.nonrigid.deformation import DeformableMap, deform
+from merging.nonrigid.deformation import DeformableMap, fit_tiles
+from merging.nonrigid.hypotheses import DeformedPoses
 from merging.nonrigid.search import DeformedRivals, peak_of, register_nonrigid, register_pairs
 from merging.rigid_alignment import align_prepared, align_whole
 from merging.verification import examine
@@ -127,11 +128,12 @@ def test_rivals_that_end_at_one_place_count_once(monkeypatch):
     pose, elsewhere = true.inverse(), SE2(30.0, 0.0, 0.0) @ true.inverse()
     monkeypatch.setattr("merging.nonrigid.search._rivals", lambda *_: [SE2(1.5, 0.0, 0.0) @ pose, elsewhere])
 
-    def deformed(fixed, moving, start, config):
-        return None if start == elsewhere else deform(fixed, moving, pose, config)
+    def fitted(fixed, moving, start, config):
+        return None if start == elsewhere else fit_tiles(fixed, moving, pose, config)
 
-    monkeypatch.setattr("merging.nonrigid.search.deform", deformed)
-    rivals = DeformedRivals.of(fixed.structure, moving, pose, [], MergeConfig())
+    monkeypatch.setattr("merging.nonrigid.hypotheses.fit_tiles", fitted)
+    poses = DeformedPoses(fixed.structure, moving, MergeConfig())
+    rivals = DeformedRivals.of(poses, poses.best([pose])[0], [])
     assert len(rivals.motions) == len(rivals.evidence) == 2
     assert errors(rivals.motions[0], pose, target)[0] < 0.5
     assert len(rivals.decoys) == 2
@@ -141,20 +143,20 @@ def test_a_deformation_starts_at_a_likely_rigid_pose_too():
     likely, unlikely = (align_whole(*bent_maps(kind, 0.45)[:2]) for kind in ("halls", "office"))
     assert not likely.accepted
     assert likely.confidence > 0.1
-    assert likely.starts[1].inverse() == pytest.approx(likely.T_target_source)  # the target has less wall
+    assert len(likely.starts) == MergeConfig().nonrigid.places + 1
+    assert likely.starts[-1].inverse() == pytest.approx(likely.T_target_source)  # the target has less wall
     assert not unlikely.accepted
     assert unlikely.confidence < 0.1
-    assert len(unlikely.starts) == 1
+    assert len(unlikely.starts) == MergeConfig().nonrigid.places
 
 
 def test_each_start_is_tried(monkeypatch):
     tried = []
-    monkeypatch.setattr("merging.nonrigid.search.deform", lambda *arguments: tried.append(arguments[2]))
+    monkeypatch.setattr("merging.nonrigid.hypotheses.fit_tiles", lambda *arguments: tried.append(arguments[2]))
     target, source, _ = bent_maps("store")
-    starts = SE2(1.0, 2.0, 0.3), SE2(1.2, 2.0, 0.3), SE2(5.0, 0.0, 1.0)
-    refused = replace(REFUSED, starts=starts, lead=1.5)
-    assert register_nonrigid(target, source, MergeConfig(), peak_of(refused, MergeConfig())) is None
-    assert tried == [starts[0], starts[2]]  # the second one is at the same place
+    refused = replace(REFUSED, starts=(SE2(1.0, 2.0, 0.3), SE2(5.0, 0.0, 1.0)), lead=1.5)
+    assert register_nonrigid(target, source, MergeConfig(), peak_of(refused)) is None
+    assert tried == list(refused.starts)
 
 
 @pytest.mark.parametrize(("accepted", "shift_m"), [(True, 0.0), (False, 0.0), (True, 3.0)])
@@ -186,16 +188,16 @@ def test_a_map_that_tiles_register_roughly_is_aligned_if_one_pose_is_clear():
 def test_larger_distances_are_tolerated_only_if_one_pose_is_clear(monkeypatch, clear_lead, distances_m):
     tried = []
 
-    def deformed(target, source, start, config):
+    def fitted(target, source, start, config):
         tried.append(config.verification.agreement_distance_m)
         assert config.refinement.last_reach_m == tried[-1]
         assert config.verification.min_confidence == MergeConfig().verification.min_confidence
 
-    monkeypatch.setattr("merging.nonrigid.search.deform", deformed)
+    monkeypatch.setattr("merging.nonrigid.hypotheses.fit_tiles", fitted)
     config = MergeConfig.model_validate({"nonrigid": {"clear_lead": clear_lead}})
     target, source, _ = bent_maps("store")
     assert register_nonrigid(target, source, config) is None
-    assert tried == distances_m
+    assert list(dict.fromkeys(tried)) == distances_m
 
 
 @pytest.mark.parametrize(("least", "tried"), [(0.0, True), (1.0, False)])
@@ -208,7 +210,7 @@ def test_a_deformed_map_that_cannot_pass_is_not_aligned_again(monkeypatch, least
     seen = []
     monkeypatch.setattr("merging.nonrigid.search.align_prepared", lambda *maps: seen.append(maps) or REFUSED)
     config = MergeConfig.model_validate({"verification": {"min_confidence": least}, "nonrigid": {"clear_lead": 1e6}})
-    assert register_nonrigid(target, source, config, peak_of(refused, config)) is None
+    assert register_nonrigid(target, source, config, peak_of(refused)) is None
     assert bool(seen) == tried
 
 
@@ -217,7 +219,7 @@ def test_no_deformed_map_is_refused_early_without_decoys(monkeypatch):
     refused = replace(align_whole(target, source), decoys=())
     monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: pytest.fail("no decoys to compare with"))
     monkeypatch.setattr("merging.nonrigid.search.align_prepared", lambda *_: REFUSED)
-    assert register_nonrigid(target, source, MergeConfig(), peak_of(refused, MergeConfig())) is None
+    assert register_nonrigid(target, source, MergeConfig(), peak_of(refused)) is None
 
 
 def test_maps_without_known_cells_or_walls_are_not_tried():
@@ -314,20 +316,25 @@ def test_joined_and_accepted_pairs_are_not_tried():
     assert closer(maps, apart, {pair: replace(REFUSED, lead=1.04)}) == {}  # no pose stands out in the correlation
 
 
-def test_the_next_pose_is_tried_if_the_deformed_map_is_not_aligned(monkeypatch):
-    """Both starts are deformed at the correct pose of the target, which has less wall; the first one is refused."""
+def test_the_map_is_deformed_where_it_fits_best_afterwards():
+    """The first pose of the correlation is elsewhere, and tiles fit there, too."""
     target, source, true = bent_maps("store")
-    tried = []
-
-    def aligned(here, there, config, _):
-        tried.append(there)
-        return align_prepared(here, there, config) if len(tried) > 1 else REFUSED
-
-    monkeypatch.setattr("merging.nonrigid.search.align_prepared", aligned)
-    monkeypatch.setattr(
-        "merging.nonrigid.search.deform", lambda here, there, _, config: deform(here, there, true.inverse(), config)
-    )
-    refused = replace(REFUSED, starts=(SE2(1.0, 2.0, 0.3), SE2(5.0, 0.0, 1.0)))
-    found = register_nonrigid(target, source, MergeConfig(), peak_of(refused, MergeConfig()))
-    assert len(tried) == 2
+    fixed, moving = (DeformableMap.of(one.grid, MergeConfig()) for one in (source, target))  # the target has less wall
+    refused = align_whole(target, source)
+    right, *others = sorted(refused.starts, key=lambda pose: errors(pose, true.inverse(), target)[0])
+    assert errors(right, true.inverse(), target)[0] < 1.0
+    wrong = next(pose for pose in others if fit_tiles(fixed.structure, moving, pose, MergeConfig()))
+    last, alone = (peak_of(replace(refused, starts=starts)) for starts in ((wrong, right), (wrong,)))
+    found = register_nonrigid(target, source, MergeConfig(), last)
     assert found is not None
+    assert errors(found.alignment.T_target_source, true, source)[0] < 0.5
+    assert register_nonrigid(target, source, MergeConfig(), alone) is None
+
+
+def test_a_pose_without_support_is_no_hypothesis():
+    target, source, true = bent_maps("store")
+    fixed, moving = (DeformableMap.of(one.grid, MergeConfig()) for one in (source, target))
+    poses = DeformedPoses(fixed.structure, moving, MergeConfig())
+    assert poses.likeliest([], ()) is None
+    assert poses.likeliest([SE2(100.0, 0.0, 0.0)], ()) is None
+    assert poses.likeliest([true.inverse()], ())[1] is poses.best([true.inverse()])[0]  # compared once
