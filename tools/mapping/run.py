@@ -9,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
+from datasets.counts import in_number
 from datasets.opening import file_digests
 from tbmslam.configuration.slam_config import preset
 from tbmslam.errors import TbmSlamError
@@ -148,8 +149,10 @@ def _print_result(task: MappingTask, made: Mapped, printed: set[tuple[tuple[Path
     if not isinstance(result, Mapping):
         return
     how = "kept from an earlier run" if made.seconds is None else f"{made.seconds:.1f} s"
+    scans = in_number(result["scans"], "scan", "scans")
+    keyframes = in_number(result["keyframes"], "keyframe", "keyframes")
     print(
-        f"{task.name}: {result['scans']} scans, {result['distance_m']:.1f} m, {result['keyframes']} keyframes, "
+        f"{task.name}: {scans}, {result['distance_m']:.1f} m, {keyframes}, "
         f"{result['known_area_m2']:.0f} m2 known, {how} -> {task.folder}"
     )
     if (task.paths, made.summary) not in printed:
