@@ -112,7 +112,7 @@ class PartFit:
         )
         each = PoseSystem(own, system, _NO_MOTIONS)
         curved = np.array([times(each, movement) for movement in movements])
-        across = (np.arange(len(at))[:, None] == observers).astype(np.float64) @ curved  # summed by pose
+        across = np.array([_summed(change, observers, len(at)) for change in curved])
         # Elimination of the poses.
         following = np.array([solver.solve(pushed) for pushed in across])
         information = np.einsum("iok,jok->ij", movements, curved) - np.einsum("ink,jnk->ij", following, across)
@@ -202,6 +202,11 @@ def fit_laser(
         *(100.0 * scale, 100.0 * scale_deviation, offset, offset_deviation),
     )
     return LaserErrors(scale, scale_deviation, offset, offset_deviation)
+
+
+def _summed(values: FloatArray, owners: npt.NDArray[np.int64], count: int) -> FloatArray:
+    """Return the sums (count, 3) of the values (O, 3) of each owner (O,)."""
+    return np.column_stack([np.bincount(owners, column, count) for column in values.T])
 
 
 def _hits_of(hits: ScanHits, scans: npt.NDArray[np.int64]) -> ScanHits:
