@@ -103,6 +103,11 @@ class DeformedPoses:
         if fit.tiles is not None:
             deformed = deformed_by(fit.tiles.deformation, fit.motion, self.source)
             structure = WallMap.from_grid(deformed.grid, self.config.structure)
-        motion = refine_all(self.target, structure, [fit.motion], self.config)[0]
-        evidence = examine(self.target, structure, motion, self.config.verification)
-        return DeformedPose(fit.motion, structure, evidence, deformed)
+        return DeformedPose(
+            fit.motion, structure, evidence_near(self.target, structure, fit.motion, self.config), deformed
+        )
+
+
+def evidence_near(target: WallMap, source: WallMap, pose: SE2, config: MergeConfig) -> Evidence:
+    """Return the evidence for a pose after its refinement."""
+    return examine(target, source, refine_all(target, source, [pose], config)[0], config.verification)

@@ -32,13 +32,13 @@ from merging.fusion import at_resolution
 from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap, deform
-from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses
+from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses, evidence_near
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose, refine_all
+from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose
 from merging.registration.features import Features
 from merging.rigid_alignment import PreparedMap, align_prepared, align_whole, comparison_resolution
 from merging.scoring import confidences
-from merging.verification import Evidence, examine
+from merging.verification import Evidence
 from merging.walls import WallMap, without_walls
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -91,11 +91,6 @@ def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config
     fitting = [pose for pose, _ in best_of(proposals, target, source.structure, config)]
     rivals = [*first_apart(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
     return first_apart(rivals, source.structure, len(rivals))
-
-
-def _evidence_near(target: WallMap, source: WallMap, pose: SE2, config: MergeConfig) -> Evidence:
-    """Return the evidence for a pose after its refinement."""
-    return examine(target, source, refine_all(target, source, [pose], config)[0], config.verification)
 
 
 @dataclass(frozen=True)
@@ -202,7 +197,7 @@ def register_accepted(
     if deformed is None:
         return None
     structure = WallMap.from_grid(deformed.grid, config.structure)
-    evidence = _evidence_near(fixed, structure, deformed.motion, config)
+    evidence = evidence_near(fixed, structure, deformed.motion, config)
     likely, rigidly = confidences([evidence, rigid.evidence], rigid.decoys)
     if likely < _MUCH_MORE_LIKELY * rigidly:
         return None
