@@ -139,7 +139,7 @@ def _undetermined_steps(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
 
 
 _FEW_KEYFRAMES = 10
-"""Scans from which on a cell that each of them saw once is free in map.pgm, by the masses of the sensor model."""
+"""A cell that every scan saw as free is free in map.pgm if so many scans or more are drawn."""
 
 
 def standing_warnings(trajectory: Trajectory, keyframes: Keyframes) -> list[EndWarning]:
