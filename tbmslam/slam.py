@@ -25,7 +25,6 @@ from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.tracking.keyframe_buffer import KeyframeBuffer
 from tbmslam.tracking.tracked_keyframe import packed
-from tbmslam.tracking.tracker import Tracker
 
 logger = logging.getLogger(__name__)
 
@@ -71,7 +70,7 @@ class Slam:
         self._start_stamp, self._corrections = start_stamp, corrections or Corrections()
         self._monitor = DriveMonitor(self.config.blocked_beams, self.config.odometry_check)
         self.incidents = self._monitor.incidents
-        self._front_end = FrontEnd(self.config, self._make_tracker())
+        self._front_end = FrontEnd(self.config, make_tracker(self.config))
         self._back_end = BackEnd(self.config)
         self._buffer = KeyframeBuffer(self.config.forgetting)
         # Plain numbers, three for each pose, since a day has millions of poses.
@@ -191,6 +190,3 @@ class Slam:
         """Return the grid of the tracker, or a grid of the keyframes at their final poses."""
         grid = self._front_end.grid()
         return render([keyframes], self.config.map) if grid is None else grid
-
-    def _make_tracker(self) -> Tracker:
-        return make_tracker(self.config)

