@@ -24,8 +24,7 @@ from merging.pair_picture import CAPTION, ComparedGrids
 from merging.verification import Evidence
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
-from tbmslam.kernels.grids.walls import Limits
-from tbmslam.map.walls import AGREES, classify
+from tbmslam.kernels.grids.walls import AGREES, Limits, classify_walls
 
 Covariance = tuple[tuple[float, ...], ...]
 """Covariance of an error in x, y [m] and theta [rad] in the source's frame, three rows of three."""
@@ -310,7 +309,7 @@ def _agreeing(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return half the lengths (N,) of one map's agreeing walls (the other map counts the rest), points and normals."""
     some = moving.some(_MANY_WALLS)
-    agree = some[classify(moving.walls, some, fixed.walls, T_fixed_moving, limits) == AGREES]
+    agree = some[classify_walls(moving.walls, some, fixed.walls, T_fixed_moving, limits) == AGREES]
     cell_m = moving.geometry.resolution * len(moving.points) / max(len(some), 1)
     turn = SE2(0.0, 0.0, T_source_moving.theta)
     return (

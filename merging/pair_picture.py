@@ -104,7 +104,7 @@ def _is_known(structure: WallMap, points: FloatArray) -> BoolArray:
 def _compared(
     moving: WallMap, fixed: WallMap, T_fixed_moving: SE2, config: VerificationConfig
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Return which walls (N,) agree with the other map, and which contradict it; see `tbmslam.map.walls.compare`."""
+    """Return which walls (N,) agree with the other map, and which contradict it; see `compare_walls`."""
     if not len(fixed.points) or not len(moving.points):
         nothing = np.zeros(len(moving.points), dtype=bool)
         return nothing, nothing

@@ -17,9 +17,7 @@ import numpy.typing as npt
 from merging.config.registration import VerificationConfig
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.kernels.grids.walls import Limits
-from tbmslam.kernels.search.connected_cells import components_of
-from tbmslam.map.walls import (
+from tbmslam.kernels.grids.walls import (
     AGREED,
     AGREES,
     COMPARED,
@@ -32,11 +30,13 @@ from tbmslam.map.walls import (
     XX,
     XY,
     YY,
+    Limits,
     Walls,
-    classify,
-    compare,
-    see_through,
+    classify_walls,
+    compare_walls,
+    see_through_walls,
 )
+from tbmslam.kernels.search.connected_cells import components_of
 
 Cells = npt.NDArray[np.int64]
 _Chosen = tuple[Walls, npt.NDArray[np.int64], float]
@@ -160,12 +160,13 @@ def _sums(
     config: VerificationConfig,
     chosen: Callable[[WallMap], _Chosen],
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the sums (M, 8) of `compare` in metres: chosen walls of the source against the target, and vice versa."""
+    """Return the sums (M, 8) of `compare_walls` in metres: the source against the target, and vice versa."""
     backward = [motion.inverse() for motion in motions]
     sums = []
     for moving, fixed, T_fixed_moving in ((source, target, motions), (target, source, backward)):
         walls, some, metres = chosen(moving)
-        sums.append(compare(walls, some, fixed.walls, T_fixed_moving, config.limits()) * metres)
+        poses = np.array(T_fixed_moving, dtype=np.float64).reshape(-1, 3)
+        sums.append(compare_walls(walls, some, fixed.walls, poses, config.limits()) * metres)
     return sums[0], sums[1]
 
 
@@ -214,7 +215,7 @@ def count_pieces(target: WallMap, source: WallMap, T_target_source: SE2, limits:
 
 def _counts(moving: WallMap, fixed: WallMap, motion: SE2, limits: Limits) -> FloatArray:
     some = moving.some(_MANY_WALLS)
-    held = classify(moving.walls, some, fixed.walls, motion, limits)
+    held = classify_walls(moving.walls, some, fixed.walls, motion, limits)
     there = (held != OUTSIDE) & (held != NOT_SEEN)
     if not there.any():
         return np.zeros(4)
@@ -251,7 +252,7 @@ def seen_through_m(target: WallMap, source: WallMap, T_target_source: SE2, reach
 
 
 def _stretches_m(moving: WallMap, fixed: WallMap, motion: SE2, reach_m: float) -> float:
-    through = see_through(moving.walls, fixed.walls, motion, reach_m) & (moving.weights >= 1.0)
+    through = see_through_walls(moving.walls, fixed.walls, motion, reach_m) & (moving.weights >= 1.0)
     rows, cols, _ = moving.geometry.cells_at(moving.points[through])
     return stretches_m(np.column_stack((rows, cols)), moving.geometry.resolution)
 

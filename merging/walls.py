@@ -12,8 +12,8 @@ from merging.config.registration import StructureConfig
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import FloatArray
+from tbmslam.kernels.grids.walls import Walls
 from tbmslam.kernels.search.connected_cells import boxes_of
-from tbmslam.map.walls import Walls
 
 BoolArray = npt.NDArray[np.bool_]
 Labels = npt.NDArray[np.int32]

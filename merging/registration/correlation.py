@@ -15,10 +15,10 @@ from merging.config.registration import CorrelationConfig
 from merging.verification import Evidence, examine_all, support_m
 from merging.walls import WallMap, without_walls
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angle
+from tbmslam.kernels.grids.wall_sliding import slide_walls
 from tbmslam.kernels.grids.walls import FACING
 from tbmslam.kernels.search.distinct_places import distinct_places
 from tbmslam.kernels.search.turned_images import block_peaks, draw_turned, multiply
-from tbmslam.map.walls import slide
 
 # The plane's points and directions are complex numbers here: a rotation is a product.
 _Complex = npt.NDArray[np.complex128]
@@ -283,9 +283,8 @@ def best_of(proposals: list[SE2], target: WallMap, source: WallMap, config: Merg
     if not proposals or without_walls(target, source):
         return []
     how = config.refinement
-    some = target.some(how.few_walls), source.some(how.few_walls)
     rough = np.geomspace(how.proposal_reach_m, how.first_reach_m / 2.0, how.rough_iterations)
-    slid = slide(target.walls, some[0], source.walls, some[1], proposals, rough, FACING)
+    slid = _slid(target, source, proposals, rough, how.few_walls)
     supports = support_m(target, source, slid, config.verification, how.some_walls)
     best = elsewhere(slid, supports, source, config.correlation.semifinalists)
     finalists = refine_all(target, source, best, config)
@@ -298,8 +297,14 @@ def refine_all(target: WallMap, source: WallMap, motions: list[SE2], config: Mer
     """Refine alignments by walls, point to line."""
     how = config.refinement
     reaches = np.geomspace(how.first_reach_m, how.last_reach_m, how.iterations)
-    some = target.some(how.many_walls), source.some(how.many_walls)
-    return slide(target.walls, some[0], source.walls, some[1], motions, reaches, FACING)
+    return _slid(target, source, motions, reaches, how.many_walls)
+
+
+def _slid(target: WallMap, source: WallMap, motions: list[SE2], reaches: FloatArray, count: int) -> list[SE2]:
+    """Refine alignments by point-to-line ICP of up to `count` wall cells of each map, see `slide_walls`."""
+    start = np.array(motions, dtype=np.float64).reshape(-1, 3)
+    chosen = target.walls, target.some(count), source.walls, source.some(count)
+    return [SE2.from_array(motion) for motion in slide_walls(*chosen, start, reaches, FACING)]
 
 
 def lead_of(proposals: Proposals, source: WallMap) -> float:

@@ -12,18 +12,18 @@ from merging.verification import Pieces, count_pieces, examine, seen_through_m, 
 from merging.walls import Components, WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
-from tbmslam.kernels.grids.walls import FACING
-from tbmslam.map.walls import (
+from tbmslam.kernels.grids.walls import (
     AGREED,
     AGREES,
     COMPARED,
     CONFLICTING,
     CONFLICTS,
+    FACING,
     NOT_SEEN,
     OUTSIDE,
     UNSEEN,
-    classify,
-    compare,
+    classify_walls,
+    compare_walls,
 )
 
 CONFIG = VerificationConfig()
@@ -118,7 +118,9 @@ def test_a_wall_that_a_robot_must_have_seen_and_did_not_is_counted():
 def test_sums_are_those_of_the_slow_twin(rooms):
     """The kernel against the plain definition, with every wall by itself."""
     target, source, motion = structure(rooms(1)), structure(rooms(2)), SE2(1.0, -2.0, 0.4)
-    sums = compare(source.walls, np.arange(len(source.points)), target.walls, [motion], CONFIG.limits())[0]
+    sums = compare_walls(
+        source.walls, np.arange(len(source.points)), target.walls, np.array([motion]), CONFIG.limits()
+    )[0]
     expected = np.zeros(8)
     turn = SE2(0.0, 0.0, motion.theta)
     for point, normal, both, weight in zip(
@@ -235,8 +237,8 @@ def test_maps_apart_have_no_pieces_in_common(rooms):
 def test_each_wall_is_told_as_the_sums_count_it(rooms):
     target, source, motion = structure(rooms(1)), structure(rooms(2)), SE2(1.0, -2.0, 0.4)
     some = np.arange(len(source.points))
-    held = classify(source.walls, some, target.walls, motion, LIMITS)
-    sums = compare(source.walls, some, target.walls, [motion], LIMITS)[0]
+    held = classify_walls(source.walls, some, target.walls, motion, LIMITS)
+    sums = compare_walls(source.walls, some, target.walls, np.array([motion]), LIMITS)[0]
     weights = source.weights
     assert weights[held == AGREES].sum() == pytest.approx(sums[AGREED])
     assert weights[held == CONFLICTS].sum() == pytest.approx(sums[CONFLICTING])

@@ -104,7 +104,12 @@ def slide_walls(
     reaches: FloatArray,
     facing: float,
 ) -> FloatArray:
-    """Return motions T_target_source (M, 3) after one Gauss-Newton step in both directions for every reach."""
+    """Refine motions T_target_source (M, 3) by point-to-line ICP in both directions (Chen, Medioni 1992; Censi 2008).
+
+    Each reach (R,) is the largest distance of a match in one Gauss-Newton step [m]. Only walls whose normals have a
+    cosine of at least `facing` match. The weight decreases with the distance (Geman-McClure), so that moved or
+    distorted walls have little influence.
+    """
     slid = motions.copy()
     middle = np.zeros(2)
     for k in source_some:
