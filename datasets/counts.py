@@ -78,7 +78,6 @@ class ReadingCounts:
     lost_seconds: float = 0.0
     """Estimated loss by damage of the file."""
     incidents: Incidents = field(default_factory=Incidents)
-    """Problems of the recording with their times."""
     doubtful_sweeps: int = 0
     """Scans with an impossible time between beams; their beams are taken as simultaneous."""
     farthest_m: float = 0.0

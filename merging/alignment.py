@@ -124,48 +124,28 @@ class Alignment:
     """
 
     method: str
-    """The method that found it."""
     accepted: bool
-    """Whether the transform may be used."""
     reason: str
-    """Reason of the decision, one sentence with the numbers."""
     T_target_source: SE2 | None = None
-    """Pose of the source's frame in the target's frame."""
     matches: int = 0
     inliers: int = 0
-    """For `features`, number of matched keypoints and of inliers; for `correlation`, number of cells of wall in the
-    overlap, and of those that agree."""
     rmse_m: float | None = None
-    """Root mean square distance of the inliers [m]."""
     scale: float | None = None
-    """The factor that fits the inliers best, if the method estimates it; two maps in metres have 1."""
     overlap_m2: float = 0.0
-    """Area that both maps know [m^2]."""
     agreement: float = 0.0
     conflict: float = 0.0
-    """Shares of the walls in the overlap that agree, and that lie in the other map's free space."""
     agreed_wall_m: float = 0.0
     weakest_wall_m: float = 0.0
-    """Length of the agreeing walls, and the part of it that resists a slide in the weakest direction [m]."""
     confidence: float = 0.0
-    """Probability that the transform is right: of ten alignments with 0.9, nine are right."""
     covariance: Covariance | None = None
-    """Covariance of the transform if it is right; see the module. None if the method does not estimate it."""
     bent_m: float = 0.0
-    """RMS deformation of one of the maps [m]; 0 for a rigid alignment."""
     lead: float = 0.0
     starts: tuple[SE2, ...] = ()
     decoys: tuple[Evidence, ...] = ()
-    """For `correlation`, the evidence for the best poses of the source's mirror image, at most three: what chance
-    achieves."""
     ambiguous: bool = False
-    """Whether it was refused because the maps fit well at several poses."""
     alternatives: tuple[PoseHypothesis, ...] = ()
-    """Other likely poses, the most likely first."""
     evidence: Evidence | None = None
-    """The evidence for and against it; None if there is no transform."""
     compared: ComparedGrids | None = field(default=None, compare=False)
-    """The grids for the picture in a notebook; None if they were not kept."""
 
     def __repr__(self) -> str:
         """Return one line: the pose of the source in the target's frame, and the reason."""

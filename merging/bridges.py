@@ -33,7 +33,6 @@ class Bridge:
     """A doubtful alignment that joins two sides of a group, which no other accepted alignment joins."""
 
     pair: Pair
-    """The target and the source."""
     sides: tuple[Mapping[str, SE2], Mapping[str, SE2]]
     """The poses of the maps on the target's side and on the source's, in the group's frame."""
 

@@ -118,7 +118,6 @@ class FusionRule(NamedTuple):
     """A rule of the fusion kernel."""
 
     code: int
-    """The rule's code in the kernel."""
     width: int
     """Numbers that are stored for each cell until all sources are fused."""
 
@@ -167,7 +166,6 @@ class Fusion:
     """The fusion of several grids."""
 
     grid: TbmGrid
-    """The fused masses."""
     conflict: npt.NDArray[np.float32]
     """The contradiction of the sources in each cell (rows, cols), equal for all rules: the mass on CONFLICT of the
     conjunction of their conflict-free beliefs. Cells of fewer than two sources have 0."""

@@ -17,18 +17,15 @@ class MergeState:
     """The state of a merge."""
 
     grouping: Grouping
-    """The function that groups maps by alignments."""
     maps: Mapping[str, TbmMap]
     """The maps by name, including the deformed maps."""
     alignments: Mapping[Pair, Alignment]
-    """The latest alignment of every pair."""
     groups: Sequence[Group]
     """The groups of maps, the largest first."""
     evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
     """The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps'
     own."""
     deformed: Mapping[str, TbmMap] = field(default_factory=dict)
-    """The deformed maps."""
 
     @classmethod
     def of(cls, maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], grouping: Grouping) -> "MergeState":

@@ -106,7 +106,6 @@ class GroupMap:
     """A group of maps as one map."""
 
     grid: TbmGrid
-    """The cells."""
     poses: Mapping[str, SE2]
     """T_whole_map of every map of the group."""
 

@@ -30,7 +30,6 @@ class _Packed(NamedTuple):
     first: tuple[int, int]
     """The places of the tiles, and the first cell, as in `TiledMasses`."""
     tiles: bytes
-    """The masses of the tiles, compressed."""
 
     @classmethod
     def of(cls, grid: TbmGrid) -> "_Packed":

@@ -32,7 +32,6 @@ class PreparedMap:
     """One map, prepared once for alignments with many others."""
 
     structure: WallMap
-    """Its walls and free space."""
     features: Features
     """Its keypoints; none if the method does not use them."""
     grid: TbmGrid | None = None

@@ -146,7 +146,6 @@ class WallMap:
     """
 
     geometry: GridGeometry
-    """The grid's cells."""
     points: FloatArray
     """Centres of the surface cells (N, 2) [m]."""
     normals: FloatArray

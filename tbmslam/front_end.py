@@ -34,7 +34,6 @@ class Placement(NamedTuple):
     match: ScanMatch
     """The pose by odometry and scan."""
     T_map_robot: SE2
-    """The same, of the robot."""
 
 
 class FrontEnd:

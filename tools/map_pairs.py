@@ -48,7 +48,6 @@ class KnownPair:
     name: str
     target: TbmMap
     source: TbmMap
-    """The maps."""
     T_target_source: SE2 | None
     """The true pose; None if the maps show different places."""
     overlap: float

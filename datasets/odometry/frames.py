@@ -30,7 +30,6 @@ class Edge:
 
     parent: str
     child: str
-    """Names of the frames."""
     static: bool
     first: SE3
     count: int = 0

@@ -46,7 +46,6 @@ class Plan:
     frames: Frames | None
     """Frames of the odometry in tf, if that is the source."""
     robot_frame: str | None
-    """The robot's frame, if known."""
     to_sensor: list[Step] | None
     """Path from the robot's frame to the laser; None if tf does not hold it."""
     sensor_pose: SE2 | None

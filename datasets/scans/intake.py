@@ -85,7 +85,6 @@ class CleanScan(NamedTuple):
     """A copy of the ranges (N,) as in `LaserScan` [m]."""
     range_min: float
     range_max: float
-    """Limits [m]."""
     farthest_m: float
     """Longest recorded range of a hit without offset [m]; 0 without hits."""
     says_nothing: bool

@@ -21,7 +21,6 @@ class CellStates:
     """The most likely state of each cell of a map."""
 
     geometry: GridGeometry
-    """Geometry of the cells."""
     states: npt.NDArray[np.uint8]
     """IS_UNKNOWN, IS_FREE or IS_WALL (rows, cols)."""
 

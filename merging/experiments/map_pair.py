@@ -17,10 +17,8 @@ class MapPair:
 
     target_name: str
     source_name: str
-    """Names of the maps."""
     target: TbmGrid
     source: TbmGrid
-    """Grids of the maps."""
     T_target_source: SE2
     """True pose of the source in the target's frame."""
 
@@ -66,7 +64,6 @@ class Halves:
     original: TbmGrid
     left: TbmGrid
     right: TbmGrid
-    """The map and its halves."""
     conjunctive: TbmGrid
     """Fusion by the conjunctive rule, with cells that are known in one half only."""
     disjunctive: TbmGrid

@@ -24,7 +24,6 @@ class Edge(NamedTuple):
     """A pose hypothesis of a pair of maps."""
 
     pair: Pair
-    """The target and the source."""
     hypothesis: PoseHypothesis
     """Pose of the source in the target's frame."""
 

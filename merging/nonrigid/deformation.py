@@ -260,9 +260,7 @@ class DeformableMap:
     """A map that may be deformed."""
 
     grid: TbmGrid
-    """Its cells."""
     structure: WallMap
-    """Its walls and free space."""
     config: MergeConfig
     """The parameters, with the size of the tiles."""
 
@@ -285,7 +283,6 @@ class DeformedMap:
     """A map that was deformed to fit another map."""
 
     deformation: Deformation
-    """The deformation."""
     motion: SE2
     """The rigid T_target_source nearest to it over the common area, which aligns the deformed map."""
     residual_m: float
@@ -300,7 +297,6 @@ class TileFit:
     """A deformation by tiles that fit a target map."""
 
     deformation: Deformation
-    """The deformation."""
     support_m: float
     """Agreeing wall of the fitting tiles, less the weighted length of all other compared walls [m]."""
 

@@ -31,9 +31,7 @@ class DeformedPose(NamedTuple):
     motion: SE2
     """T_target_source of the deformed map."""
     structure: WallMap
-    """Its walls."""
     evidence: Evidence
-    """The evidence for the pose."""
     deformed: DeformedMap | None
     """The deformed map; None if too few tiles fit, so that the map stays as it is."""
 
@@ -55,9 +53,7 @@ class DeformedPoses:
 
     target: WallMap
     source: DeformableMap
-    """Both maps."""
     config: MergeConfig
-    """The parameters."""
     _fits: dict[SE2, _Fit] = field(default_factory=dict)
     _compared: dict[SE2, DeformedPose] = field(default_factory=dict)
 

@@ -47,7 +47,6 @@ class SharedScans(NamedTuple):
 
     first: str
     second: str
-    """The names of the maps."""
     shared: int
     of: int
     """The number of common keyframes, and the number of keyframes of the map with fewer."""

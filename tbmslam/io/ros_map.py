@@ -44,7 +44,6 @@ class RosMapHeader:
     T_map_image: SE2
     """Pose of the picture's lower left corner."""
     pixels: PixelRule
-    """Meaning of the pixels."""
 
 
 def read_ros_map_header(path: Path) -> RosMapHeader:

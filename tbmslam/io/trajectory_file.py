@@ -99,7 +99,6 @@ class ReferenceTrajectory:
     """The true trajectory of a robot or its laser."""
 
     trajectory: Trajectory
-    """The poses."""
     frame: Frame
     """Body whose poses they are."""
 

@@ -48,7 +48,6 @@ class Find:
     """The pose at which points agree best with a submap."""
 
     pose: SE2
-    """The place."""
     score: float
     """Gain of the points there, less the cost of its distance, as a share of what walls under all of them gain."""
     ambiguity: float

@@ -23,7 +23,6 @@ class LocalFrame:
     T_far_near: SE2 = SE2.identity()  # noqa: RUF009  # immutable
     """Pose of the near frame in the far frame; the identity if the origin of the far frame is near."""
     is_far: bool = field(init=False)
-    """Whether the two frames differ."""
 
     def __post_init__(self) -> None:
         """Compare the frames."""

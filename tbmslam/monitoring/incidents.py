@@ -115,4 +115,3 @@ class EndWarning(NamedTuple):
     seconds: float = 0.0
     """When it began and how long it lasted [s]."""
     all_along: bool = True
-    """Whether it holds for the whole drive."""

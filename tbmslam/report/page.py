@@ -26,7 +26,6 @@ class Table:
     """Names of the columns. Columns of numbers begin with #."""
     rows: Sequence[Sequence[str]]
     note: str = ""
-    """A remark below the table."""
     colours: Sequence[str] = ()
     """CSS colour of each row's mark; empty for none."""
 
@@ -55,7 +54,6 @@ class Card:
     good: bool
     """Whether the decision is positive."""
     reason: str
-    """The reason, one sentence."""
     figures: Mapping[str, str] = field(default_factory=dict)
     pictures: Sequence[Picture] = ()
     copied: str = ""
@@ -87,7 +85,6 @@ class Page:
     """Duration of each step [s]."""
     command: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
-    """Versions of the program and its dependencies."""
     config: Mapping[str, object] = field(default_factory=dict)
     defaults: Mapping[str, object] = field(default_factory=dict)
     """The default parameters. Parameters with other values are marked; none are marked if this is empty."""

@@ -26,9 +26,7 @@ class TrackedKeyframe:
     ranges: npt.NDArray[np.float32]
     """The ranges, in half the memory: a day's drive has some hundred thousand keyframes."""
     T_robot_sensor: SE2
-    """Pose of the laser on the robot."""
     match: ScanMatch
-    """Its registration by the tracker."""
     prior: FloatArray
     """Information (3, 3) of the laser's pose in the map's frame from the motion since the last keyframe."""
     T_odom_robot: SE2 | None = None

@@ -13,7 +13,6 @@ class ScanMatch(NamedTuple):
     """The pose of a scan by the map."""
 
     T_map_sensor: SE2
-    """Pose of the laser."""
     score: float
     """Agreement of the scan with the map at the pose; each matcher has its own scale."""
     moved: bool
@@ -65,7 +64,6 @@ class PosePrior(NamedTuple):
     jump: float = 0.0
     """Length of an odometry step that no robot can drive, which was ignored [m]; else 0."""
     by_odometry: bool = False
-    """Whether the mean comes from odometry."""
     swerve: float = 0.0
     """Distance of the odometry's step since the last scan from the robot's last motion at equal speed [m]."""
 

@@ -48,7 +48,6 @@ class FleetRun:
 
     buildings: int
     maps: int
-    """Numbers of buildings and of maps."""
     aligned: int
     """Number of pairs that were aligned."""
     groups: int
@@ -64,7 +63,6 @@ class FleetRun:
     wall_s: float
     """CPU time and wall time of the merge [s]."""
     peak_memory_mb: float
-    """Peak memory of the merging process [MB]."""
 
 
 def benchmark_fleet(args: argparse.Namespace) -> None:

@@ -67,7 +67,6 @@ class MergeRun:
     is_right: bool
     """CPU time of the default alignment, and whether it was accepted and right within 0.5 m and 2 degrees."""
     peak_memory_mb: float
-    """Peak memory of the process."""
 
     @property
     def sum_ms(self) -> float:

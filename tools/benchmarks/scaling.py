@@ -53,7 +53,6 @@ class ScalingRun:
     peak_memory_mb: float
     """Peak memory of the process until the end of the drive, including the simulated scans, and in all."""
     ate_m: float
-    """Error against the true trajectory."""
 
 
 def benchmark_scaling(args: argparse.Namespace) -> None:

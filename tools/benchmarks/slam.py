@@ -64,7 +64,6 @@ class SlamRun:
     keyframes: int
     """Numbers of scans, of beams of the largest scan, and of keyframes."""
     duration_s: float
-    """Duration of the drive."""
     reading_s: float
     """CPU time of reading the recording."""
     mapping_s: float
@@ -74,7 +73,6 @@ class SlamRun:
     wall_s: float
     """Wall time from the first scan to the map."""
     peak_memory_mb: float
-    """Peak memory of the process."""
     translation_error_m: float | None = None
     rotation_error_deg: float | None = None
     """Mean errors against the relations beside the recording; None without."""

@@ -56,7 +56,6 @@ class SplitRun:
 
     recording: str
     robots: int
-    """The name, and the number of robots."""
     merged: tuple[str, ...]
     left_out: Mapping[str, str]
     """The other robots, with the reasons."""
@@ -72,7 +71,6 @@ class SplitRun:
     again: float
     """The share for a second map of the whole recording, in the odometry's frame."""
     merge_cpu_s: float
-    """CPU time of the merge [s]."""
     truth_doubt: str | None = None
     """The reason to doubt truth.json; None if there is none."""
 

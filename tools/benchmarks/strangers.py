@@ -75,13 +75,11 @@ class Encounter:
     number: int
     """Number of the pair among those of its kind and seed."""
     name: str
-    """Name of the pair."""
     is_wrong: bool
     """Whether a false alignment was accepted."""
     is_ambiguous: bool
     """Whether it was refused because several poses fit well."""
     confidence: float
-    """Confidence of the best pose."""
 
 
 def benchmark_strangers(args: argparse.Namespace) -> None:

@@ -45,7 +45,6 @@ class MappingTask:
 
     name: str
     paths: tuple[Path, ...]
-    """Files of its recording."""
     files: tuple[Mapping[str, str | int], ...]
     """Name, size and digest of each file."""
     config: Configuration
