@@ -38,19 +38,7 @@ logger = logging.getLogger(__name__)
 
 
 class Track:
-    """A drive in the merged frame, with its submaps.
-
-    Attributes
-    ----------
-    keyframes
-        The keyframes in the merged frame.
-    sensors
-        Poses (K, 3) of the laser.
-    hits
-        The hits of the scans.
-    submaps
-        Segments of the drive as targets of bundles.
-    """
+    """A drive in the merged frame; `sensors` (K, 3) are the poses of the laser, and `submaps` targets of bundles."""
 
     def __init__(self, map_name: str, drive: Drive, T_merged_map: SE2, config: SubmapConfig) -> None:
         self.map_name, self.drive = map_name, drive

@@ -291,16 +291,8 @@ def score_hypotheses(
     """Return the probability (K,) of each hypothesis from its evidence, at most 1 in sum, and the decoys.
 
     A coarse search for decoys decides most pairs. If it leaves doubt, decoys are searched as thoroughly as hypotheses.
-
-    Parameters
-    ----------
-    places
-        Evidence of each hypothesis (K,).
-    config
-        The parameters of the search.
-    known
-        Decoys that were found before. No others are searched if these refuse all hypotheses, since further decoys
-        nearly never raise a probability.
+    `places` (K,) is the evidence of the hypotheses. `known` are decoys that were found before. If these refuse all
+    hypotheses, no others are searched, since further decoys nearly never raise a probability.
     """
     if known and max(likely := confidences(places, known), default=0.0) < config.verification.min_confidence:
         return likely, list(known)

@@ -148,14 +148,9 @@ class _Waiting(NamedTuple):
 class Pairing:
     """Holds scans back until the odometry around their stamps has arrived; keeps the order of the recording.
 
-    Parameters
-    ----------
-    clock_offset
-        Offset from the stamp of a scan to the time of its odometry [s]; the scan keeps its stamp.
-    odometry_scale
-        Factor of the lengths of the odometry.
-    patience_s
-        Bag time after which a scan without odometry is dropped, and the longest interpolated gap between two poses [s].
+    The time of a scan's odometry is its stamp plus `clock_offset` [s]; the scan keeps its stamp. `odometry_scale`
+    multiplies the lengths of the odometry. A scan without odometry is dropped after `patience_s` of bag time, which is
+    also the longest interpolated gap between two poses [s].
     """
 
     def __init__(

@@ -208,13 +208,7 @@ class _Rows:
 
 
 class _Pages:
-    """Pages of a database.
-
-    Attributes
-    ----------
-    missing
-        Size of the missing part divided by that of the file.
-    """
+    """Pages of a database; `missing` is the size of the missing part divided by that of the file."""
 
     def __init__(self, buffer: mmap.mmap) -> None:
         if len(buffer) <= _HEADER:

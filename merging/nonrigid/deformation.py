@@ -225,12 +225,7 @@ _LEAST_WALL = 0.5
 def tiles_of(structure: WallMap, side_m: float, most: int) -> list[WallMap]:
     """Cut the known part of a map into tiles of one size, and leave out tiles with little wall.
 
-    Parameters
-    ----------
-    side_m
-        Longest side of a tile [m]; it is increased where there would be too many tiles.
-    most
-        The largest number of tiles.
+    The longest side of a tile is `side_m` [m]. It is increased where there would be more than `most` tiles.
     """
     rows, cols = (np.flatnonzero(structure.states.any(axis=axis)) for axis in (1, 0))
     if not len(rows):

@@ -38,12 +38,8 @@ def check_size(rows: int, cols: int, resolution: float, max_cells: int) -> None:
 class EvidenceGrid:
     """A growing grid on the lattice of cells whose corners are multiples of the resolution [m].
 
-    Attributes
-    ----------
-    ratios
-        Evidence (rows, cols, 2): a_F and a_O of every cell, 16 bytes for each of at most `max_cells` cells.
-    first_row, first_col
-        Lattice index of cell (0, 0), whose corner is at (first_col, first_row) times the resolution.
+    `ratios` (rows, cols, 2) are a_F and a_O of every cell, 16 bytes for each of at most `max_cells` cells. The corner
+    of cell (0, 0) is at (`first_col`, `first_row`) times the resolution.
     """
 
     GROWTH = 1.2

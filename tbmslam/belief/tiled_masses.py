@@ -26,23 +26,8 @@ Place = tuple[int, int]
 class TiledMasses:
     """Masses (rows, cols, 4) in tiles; a tile that is not stored is vacuous, to the last bit.
 
-    Tiles are shared with parts and are never changed; only `put_rows` adds them.
-
-    Parameters
-    ----------
-    rows, cols
-        Number of cells along y and x.
-    tiles
-        The stored tiles by their place, each (SIDE, SIDE, 4); None for none.
-    first
-        Row and column of cell (0, 0), counted from the first cell of tile (0, 0).
-
-    Attributes
-    ----------
-    shape
-        (rows, cols, 4), as that of an array.
-    tiles, first
-        As above.
+    `tiles` are the stored tiles (SIDE, SIDE, 4) by their place. Parts share them, so they are never changed; only
+    `put_rows` adds tiles. `first` is the row and column of cell (0, 0), counted from the first cell of tile (0, 0).
     """
 
     def __init__(

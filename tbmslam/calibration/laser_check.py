@@ -174,14 +174,8 @@ def fit_laser(
 ) -> LaserErrors | None:
     """Estimate the errors of the stated laser geometry; None if the drive or the field of view is too small.
 
-    Parameters
-    ----------
-    hits
-        The hits of the keyframes.
-    poses
-        Adjusted poses (K, 3) of the laser at the keyframes.
-    config, pieces
-        The parameters of the fit, and of wall pieces.
+    `poses` (K, 3) are the adjusted poses of the laser at the keyframes. `config` and `pieces` are the parameters of the
+    fit and of wall pieces.
     """
     first, step, beams = keyframes.beams[:, 0], keyframes.beams[:, 1], np.diff(keyframes.offsets)
     if not len(beams) or float(np.median(beams * np.abs(step))) < config.least_fan:

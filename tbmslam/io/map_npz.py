@@ -62,12 +62,8 @@ def write_npz(
 ) -> None:
     """Write named arrays atomically in the given order for `numpy.load`; see `replacing`.
 
-    A grid is written as the array of its masses, a band of rows at a time.
-
-    Raises
-    ------
-    ValueError
-        If an array holds Python objects.
+    A grid is written as the array of its masses, a band of rows at a time. An array of Python objects is a
+    `ValueError`.
     """
     try:
         with (

@@ -27,10 +27,7 @@ def write_world_file(picture: Path, geometry: GridGeometry) -> None:
 def read_world_file(world_file: Path, rows: int, cols: int) -> GridGeometry:
     """Return the geometry that a world file states for a picture of so many pixels.
 
-    Raises
-    ------
-    MapFileError
-        If it is no world file, or the pixels are not squares along the axes.
+    Raises a `MapFileError` if it is no world file, or the pixels are not squares along the axes.
     """
     try:
         values = [float(word) for word in world_file.read_text(encoding="ascii").split()]

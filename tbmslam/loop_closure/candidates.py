@@ -125,12 +125,7 @@ class ClosingTargets:
     was registered to older targets. So a robot that repeats a round has targets on its first round only, and the cost
     of a search does not grow with the rounds. (Cartographer trims submaps by the area they cover instead.)
 
-    Attributes
-    ----------
-    length
-        Travelled length of a target [m].
-    last_met
-        Travelled length at the last registration to a target [m].
+    `length` is the travelled length of a target, and `last_met` that at the last registration to a target [m].
     """
 
     def __init__(

@@ -71,15 +71,7 @@ class Fit:
 
 
 class Submap:
-    """Surfaces and free space seen by consecutive keyframes, in the frame of one of them.
-
-    Attributes
-    ----------
-    anchor
-        Index of the keyframe whose laser is the frame.
-    first, last
-        Indices of the first and the last keyframe in it.
-    """
+    """Surfaces and free space seen by the keyframes `first` to `last`, in the frame of the laser at `anchor`."""
 
     _PRIOR = np.diag([0.5**-2.0, 0.5**-2.0, 0.2**-2.0])
     _SEARCH = 1e9, 0.25, 40.0, np.array([30.0, 12.0, 4.5]), 10_000, 10  # a normal prior; bundles count for 40 hits

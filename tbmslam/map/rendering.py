@@ -288,12 +288,7 @@ def _tiles(
 ) -> tuple[npt.NDArray[np.int64], Masses]:
     """Return the places (N, 2) and the masses (N, SIDE, SIDE, 4) of all tiles of a grid that were seen in a strip.
 
-    Parameters
-    ----------
-    counts
-        Counts (rows, cols) of the strip, of at most `most` scans.
-    first
-        Row of the strip's first tile.
+    `counts` (rows, cols) are those of the strip, of at most `most` scans; `first` is the row of its first tile.
     """
     factors, numbers = beam_factors(config.sensor_model, resolution, 1.0), np.arange(most + 1.0)[:, None]
     # Evidence beyond this floor is certain; the masses' quotients must not become 0 / 0.

@@ -108,12 +108,7 @@ class BlockedBeamsConfig(FrozenConfig):
 class BlockedBeams:
     """Detects blocked beams while the robot moves.
 
-    Attributes
-    ----------
-    blocked
-        The beams (B,) that are blocked now, as a mask.
-    any_blocked
-        Whether any are.
+    `blocked` (B,) is the mask of the beams that are blocked now, and `any_blocked` whether any are.
     """
 
     def __init__(self, config: BlockedBeamsConfig) -> None:

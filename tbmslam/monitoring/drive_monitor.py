@@ -29,14 +29,9 @@ LOST_WITHOUT_ODOMETRY = f"the scan matches nothing known: without odometry the m
 
 
 class DriveMonitor:
-    """Checks one drive.
+    """Checks one drive, and records its `incidents` with their times.
 
-    Attributes
-    ----------
-    incidents
-        The incidents with their times.
-    whole_drive_warnings
-        Subjects of the warnings that were given at the end of the drive.
+    `whole_drive_warnings` are the subjects of the warnings that were given at the end of the drive.
     """
 
     def __init__(self, beams: BlockedBeamsConfig, odometry: OdometryCheckConfig) -> None:

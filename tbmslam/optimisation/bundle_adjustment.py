@@ -128,16 +128,9 @@ def adjust(
 class RigidStretches:
     """Drives in short rigid segments ("stretches"), from poses (K, 3) of the laser at the keyframes of all drives.
 
-    Attributes
-    ----------
-    middles
-        The keyframe (N,) whose pose represents each segment.
-    owners
-        The segment (K,) of each keyframe.
-    ends
-        Index of the first segment of each drive, and the number of segments (D + 1,).
-    places
-        Poses (K, 3) of the keyframes in their segments' frames.
+    The pose of the keyframe `middles` (N,) represents each segment. `owners` (K,) is the segment of each keyframe, and
+    `places` (K, 3) its pose in the frame of that segment. `ends` (D + 1,) are the first segment of each drive and the
+    number of segments.
     """
 
     def __init__(self, poses: FloatArray, counts: Sequence[int], config: AdjustmentConfig) -> None:

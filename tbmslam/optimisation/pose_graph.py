@@ -72,17 +72,8 @@ class MotionChain:
     Poses without other edges need not be solved for. A chain of motions is one motion whose covariance is the sum of
     theirs, transformed to its end (first order; Sola et al., eq. 54).
 
-    Parameters
-    ----------
-    steps
-        Motions (N, 3): x [m], y [m], theta [rad] of each pose as seen from the one before.
-    informations
-        Inverse covariances (N, 3, 3), in the frames at their ends.
-
-    Attributes
-    ----------
-    covariances
-        Covariance of each motion (N, 3, 3), in the frame at its end.
+    `steps` (N, 3) are the motions as seen from the pose before: x [m], y [m], theta [rad]. `informations` (N, 3, 3) are
+    their inverse covariances, and `covariances` (N, 3, 3) the covariances, in the frames at their ends.
     """
 
     def __init__(self, steps: FloatArray, informations: FloatArray) -> None:

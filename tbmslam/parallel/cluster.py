@@ -78,12 +78,8 @@ class Cluster:
     def results(self, submitted: Iterable[Any]) -> Iterator[Any]:
         """Yield the results of calls, in the order given.
 
-        Raises
-        ------
-        TbmSlamError
-            What a call raised.
-        ClusterError
-            A call's workers died again and again, or the scheduler is gone.
+        Raises what a call raised, or a `ClusterError` if a call's workers died again and again, or the scheduler is
+        gone.
         """
         from distributed import CancelledError  # noqa: PLC0415 - an extra, and slow to load
         from distributed.comm.core import CommClosedError  # noqa: PLC0415

@@ -18,13 +18,7 @@ _T = TypeVar("_T")
 
 
 class Progress:
-    """Measures the durations of steps and shows nothing; programs derive from it to show the progress.
-
-    Attributes
-    ----------
-    seconds
-        Duration of each step so far [s].
-    """
+    """Measures the `seconds` of each step and shows nothing; programs derive from it to show the progress."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}

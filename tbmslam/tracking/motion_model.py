@@ -165,16 +165,9 @@ class MotionModel:
         self._T_map_robot = T_map_robot
 
     def learn(self, prior: PosePrior, T_map_robot: SE2, information: FloatArray | None, T_robot_sensor: SE2) -> None:
-        """Learn the odometry's noise from the registration of a keyframe.
+        """Learn the odometry's noise from the registered pose of a keyframe.
 
-        Parameters
-        ----------
-        prior, T_map_robot
-            The prior on the robot's pose, and its registered pose.
-        information
-            Information of the scan on the laser's pose in the map's frame (3, 3); None if it is unknown.
-        T_robot_sensor
-            Pose of the laser on the robot.
+        `information` (3, 3) is that of the scan on the laser's pose in the map's frame; None if it is unknown.
         """
         if information is None:
             along, across, turn = prior.deviations

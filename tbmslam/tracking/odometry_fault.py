@@ -25,13 +25,7 @@ _SUSPECTED = 0.5
 
 
 class OdometryFault:
-    """Estimates the probability of a fault from keyframe to keyframe.
-
-    Attributes
-    ----------
-    probability
-        That the odometry is faulty at the next keyframe, before its scan is seen.
-    """
+    """Estimates the probability that the odometry is faulty at the next keyframe, before its scan is seen."""
 
     def __init__(self) -> None:
         self.probability = _BEGINS
@@ -42,14 +36,9 @@ class OdometryFault:
         return self.probability > _SUSPECTED
 
     def cost(self, surprise: float, faulty_cost: float) -> float:
-        """Return the negative log-likelihood of a pose.
+        """Return the negative log-likelihood of a pose with a squared Mahalanobis distance from the odometry.
 
-        Parameters
-        ----------
-        surprise
-            Its squared Mahalanobis distance from the odometry.
-        faulty_cost
-            Negative log-likelihood of any pose under faulty odometry; see `faulty_cost`.
+        For `faulty_cost`, that of any pose under faulty odometry, see the function of this name.
         """
         return -math.log(sum(self._likelihoods(surprise, faulty_cost)))
 
@@ -68,13 +57,9 @@ class OdometryFault:
 def faulty_cost(right: Deviations, inertia: Deviations) -> float:
     """Return the negative log-likelihood of a pose under faulty odometry; it is 0 at the mean of right odometry.
 
-    The robot is then equally likely anywhere within a deviation of its pose by inertia. The longer the time between two
-    scans, the more places it can reach, and the less likely is each. A constant of 5 tears a drive with a scan a second
-    round a block, since one street looks like the next (`benchmark.py limits`).
-
-    Parameters
-    ----------
-    right, inertia
-        Deviations of the pose by the odometry and by inertia.
+    The arguments are the deviations of the pose by the odometry and by inertia. Under a fault, the robot is equally
+    likely anywhere within a deviation of its pose by inertia. The longer the time between two scans, the more places it
+    can reach, and the less likely is each. A constant of 5 tears a drive with a scan a second round a block, since one
+    street looks like the next (`benchmark.py limits`).
     """
     return math.log(_WITHIN * math.prod(inertia) / math.prod(right))

@@ -46,13 +46,7 @@ class OdometryNoiseConfig(FrozenConfig):
 
 
 class OdometryNoise:
-    """Estimates the odometry's deviations.
-
-    Attributes
-    ----------
-    factors
-        Ratios of the estimated deviations along, across and in heading to the initial ones.
-    """
+    """Estimates the odometry's deviations; `factors` are the ratios to the stated ones: along, across, heading."""
 
     def __init__(self, config: OdometryNoiseConfig) -> None:
         self._config = config
@@ -74,16 +68,9 @@ class OdometryNoise:
     def learn(self, error: Deviations, deviations: Deviations, motion: Deviations, determined: Deviations) -> None:
         """Learn from a correction.
 
-        Parameters
-        ----------
-        error
-            Where the robot was found in the frame of where the odometry put it: along, across [m], heading [rad].
-        deviations
-            Of where the odometry put it: its correction is that much on average.
-        motion
-            Those of the motion alone, as `deviations` returned them.
-        determined
-            Shares in [0, 1] of each that the scan determined.
+        `error` is the registered pose of the robot in the frame of its prior pose: along [m], across [m], heading
+        [rad]. `deviations` are those of the prior pose, `motion` those of the motion alone, as `deviations` returned
+        them, and `determined` the shares of each, in [0, 1], that the scan determined.
         """
         if not self._config.learning:
             return

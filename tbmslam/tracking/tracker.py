@@ -69,29 +69,16 @@ class PosePrior(NamedTuple):
 
 
 class Tracker(Protocol):
-    """Registers scans on what earlier scans showed.
+    """Registers scans to earlier scans.
 
-    Attributes
-    ----------
-    grid
-        The grid that it writes every scan into, which then is the map; None where it learns from keyframes alone and
-        the map is rendered from them.
+    `grid` is the grid into which the tracker inserts every scan, and which is the map. It is None for a tracker that
+    learns from keyframes alone; the map is then rendered from the keyframes.
     """
 
     grid: EvidenceGrid | None
 
     def match(self, scan: LaserScan, prior: PosePrior, T_robot_sensor: SE2) -> ScanMatch:
-        """Return the pose of the laser.
-
-        Parameters
-        ----------
-        scan
-            The scan.
-        prior
-            The prior on the robot's pose.
-        T_robot_sensor
-            Pose of the laser on the robot.
-        """
+        """Return the pose of the laser, by a prior on the pose of the robot."""
         ...
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:

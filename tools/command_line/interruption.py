@@ -29,16 +29,9 @@ _AGAIN_S = 0.05
 class Interruption:
     """The handler of signals that end a program.
 
-    Attributes
-    ----------
-    advice
-        Advice that is added to the message.
-    ends_at_once
-        Whether a signal ends the program at once, while there is nothing to clean up: modules that are being loaded
-        turn `KeyboardInterrupt` into other errors, or ignore it. Else `KeyboardInterrupt` is raised, and a second
-        signal ends the program.
-    came
-        The first signal.
+    `advice` is added to the message. `came` is the first signal. `ends_at_once` tells whether a signal ends the program
+    at once, while there is nothing to clean up: modules that are being loaded turn `KeyboardInterrupt` into other
+    errors, or ignore it. Else `KeyboardInterrupt` is raised, and a second signal ends the program.
     """
 
     def __init__(self, program: str) -> None:

@@ -17,16 +17,9 @@ from tbmslam.kernels.adjustment.wall_pieces import Sightings
 def fit_lines(seen: Sightings, poses: FloatArray, enough: float, limits: FloatArray) -> FloatArray:
     """Return the line (L, 5) of each piece: middle, direction and half length [m]; zeros if the piece is not a line.
 
-    Parameters
-    ----------
-    seen
-        The sightings of the pieces.
-    poses
-        Poses (N, 3) of the stretches.
-    enough
-        Number of hits of a sighting beyond which further hits add little weight.
-    limits
-        Least number of hits, largest standard deviation across the line, and least standard deviation along it [m].
+    `poses` (N, 3) are those of the stretches. Beyond `enough` hits of a sighting, further hits add little weight.
+    `limits` are the least number of hits, the largest standard deviation across the line, and the least one along it
+    [m].
     """
     # For each piece: number of sightings, position of the first observer, and weighted moments relative to it.
     sums = np.zeros((seen.pieces_met, 9))

@@ -28,16 +28,8 @@ class Motions(NamedTuple):
 def motion_equations(motions: Motions, poses: FloatArray) -> tuple[FloatArray, MotionSystem, FloatArray]:
     """Linearise motions at poses (N, 3).
 
-    A change of a pose is dx, dy in the map's frame and dtheta about its position.
-
-    Returns
-    -------
-    own
-        Diagonal blocks (N, 3, 3) of the curvature.
-    system
-        Other blocks of the curvature.
-    gradient
-        Gradient (N, 3) of half the squared deviations.
+    A change of a pose is dx, dy in the map's frame and dtheta about its position. Returns the diagonal blocks (N, 3, 3)
+    of the curvature, its other blocks, and the gradient (N, 3) of half the squared deviations.
     """
     own, gradient = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
     across = np.zeros((len(motions.ends), 3, 3))
