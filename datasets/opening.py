@@ -10,12 +10,7 @@ from datasets.rosbag.bag_files import STORAGE_SUFFIXES
 from datasets.text_files import first_bytes
 from tbmslam.special_file import is_device_or_pipe, sha256_of, why_unreadable
 
-_MAGICS = (
-    (b"#ROSBAG", "rosbag"),
-    (b"SQLite format 3\0", "rosbag"),
-    (b"\x89MCAP0\r\n", "rosbag"),
-    (b"#ROSRECORD", "rosbag"),
-)
+_BAG_STARTS = (b"#ROSBAG", b"SQLite format 3\0", b"\x89MCAP0\r\n", b"#ROSRECORD")
 _ROS_SUFFIXES = (".bag", ".db3", ".mcap")
 
 
@@ -65,13 +60,12 @@ def _kind(path: Path) -> str:
         raise DatasetError(f"{path}: no such file or directory: check the path") from None
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror}: check its permissions") from error
-    for magic, kind in _MAGICS:
-        if head.startswith(magic):
-            return kind
+    if head.startswith(_BAG_STARTS):
+        return "rosbag"
     if path.suffix in _ROS_SUFFIXES:
         raise DatasetError(f"{path}: does not begin like a {path.suffix} file: it is damaged or not a recording")
     head = first_bytes(path)
-    if any(head.startswith(magic) for magic, _ in _MAGICS):
+    if head.startswith(_BAG_STARTS):
         return "rosbag"
     if b"\0" in head:
         raise DatasetError(f"{path}: is neither a ROS bag nor a CARMEN log: give a laser recording")

@@ -14,7 +14,7 @@ from tbmslam.kernels import BoolArray, IntArray
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.monitoring.incidents import EndWarning
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig, odometry_scale
-from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, odometry
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, informations, odometry
 
 _SPAN_S, _STEP_S = 10.0, 1.0
 """Time over which a speed is measured, and between its poses: the noise of single poses would look like speed."""
@@ -121,19 +121,14 @@ def _undetermined_steps(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
     later = keyframes[1:]
     if not without.any():
         return np.zeros(len(later), dtype=np.bool_)
-    unknown = np.zeros((3, 3))
     if all(keyframe.match.information is None for keyframe in later) and any(
         keyframe.match.moved for keyframe in later
     ):
         return np.zeros(len(later), dtype=np.bool_)  # a matcher without information
-    of_scans = np.array([unknown if k.match.information is None else k.match.information for k in later]).reshape(
-        -1, 3, 3
-    )
-    of_prior = np.array([keyframe.prior for keyframe in later]).reshape(-1, 3, 3)
+    of_scans, of_prior = informations(keyframes)
     root = np.linalg.inv(np.linalg.cholesky(of_prior))
-    gains = np.linalg.eigvalsh(root @ of_scans @ np.swapaxes(root, 1, 2))[
-        :, 0
-    ]  # information of the scan relative to the prior
+    # The least information of the scan relative to the prior.
+    gains = np.linalg.eigvalsh(root @ of_scans @ np.swapaxes(root, 1, 2))[:, 0]
     undetermined: BoolArray = (gains < 1.0) & (without[1:] | without[:-1])
     return undetermined
 

@@ -15,7 +15,7 @@ from pydantic import Field
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, stacked
 from tbmslam.sensing.laser_scan import LaserScan
-from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
+from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, informations
 from tbmslam.tracking.tracker import PosePrior, ScanMatch
 
 _SHORTEST_S = 0.02  # stamps may be anything
@@ -123,9 +123,7 @@ def _shares(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> FloatArr
     """
     if all(keyframe.match.information is None for keyframe in keyframes):
         return np.ones(len(keyframes) - 1)
-    unknown = np.zeros((3, 3))
-    seen = np.array([unknown if k.match.information is None else k.match.information for k in keyframes[1:]])
-    before = np.array([keyframe.prior for keyframe in keyframes[1:]])
+    seen, before = informations(keyframes)
     ahead = np.zeros((len(keyframes) - 1, 3))
     ahead[:, :2] = np.diff(poses[:, :2], axis=0)
     prior, posterior = (

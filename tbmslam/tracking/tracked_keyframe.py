@@ -70,24 +70,20 @@ _NO_ODOMETRY = math.nan, math.nan, math.nan
 
 def packed(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> Keyframes:
     """Return the keyframes of a map at poses (K, 3) of the robot."""
-    outlines = [k.outline for k in keyframes]
-    return Keyframes(
-        stamps=np.array([o.stamp for o in outlines], dtype=np.float64),
-        poses=poses,
-        sensor_poses=stacked([k.T_robot_sensor for k in keyframes]),
-        beams=np.array(
-            [(o.angle_min, o.angle_increment, o.range_min, o.range_max) for o in outlines], dtype=np.float64
-        ).reshape(-1, 4),
-        offsets=np.cumsum([0, *(len(k.ranges) for k in keyframes)]),
-        ranges=np.concatenate([_NO_RANGES.astype(np.float32), *(k.ranges for k in keyframes)]),
-        beam_steps=stacked([o.beam_step for o in outlines]),
-        indices=np.array([k.index for k in keyframes], dtype=np.int64),
-    )
+    scans = [k.scan for k in keyframes]
+    return Keyframes.from_scans(scans, poses, [k.T_robot_sensor for k in keyframes], [k.index for k in keyframes])
 
 
 def odometry(keyframes: Sequence[TrackedKeyframe]) -> FloatArray:
     """Return the poses (K, 3) of the robot by odometry; nan if unknown."""
     return stacked([k.T_odom_robot or _NO_ODOMETRY for k in keyframes])
+
+
+def informations(keyframes: Sequence[TrackedKeyframe]) -> tuple[FloatArray, FloatArray]:
+    """Return the informations (K - 1, 3, 3) of the scan and of the odometry about each step; 0 for an unknown one."""
+    unknown, later = np.zeros((3, 3)), keyframes[1:]
+    seen: FloatArray = np.array([unknown if k.match.information is None else k.match.information for k in later])
+    return seen.reshape(-1, 3, 3), np.array([k.prior for k in later]).reshape(-1, 3, 3)
 
 
 def motions(keyframes: Sequence[TrackedKeyframe]) -> DriveMotions:
@@ -100,19 +96,18 @@ def motions(keyframes: Sequence[TrackedKeyframe]) -> DriveMotions:
         return DriveMotions(np.zeros((0, 3)), np.zeros((0, 3, 3)))
     poses = poses_of_sensor(keyframes)
     steps = compose(inverse(poses[:-1]), poses[1:])
-    seen = np.array([np.zeros((3, 3)) if k.match.information is None else k.match.information for k in keyframes[1:]])
-    wheels = np.array([k.prior for k in keyframes[1:]])
+    seen, wheels = informations(keyframes)
     rotations = np.zeros_like(seen)
     rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(poses[1:, 2])
     rotations[:, 1, 0] = np.sin(poses[1:, 2])
     rotations[:, 0, 1] = -rotations[:, 1, 0]
     rotations[:, 2, 2] = 1.0
-    known = seen + wheels
     distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
     position, heading = 0.002 + 0.004 * distance, 0.001 + 0.004 * turn
     floor = np.column_stack((position, position, heading))[:, :, None] ** 2 * np.eye(3)
-    covariances = np.swapaxes(rotations, 1, 2) @ np.linalg.inv(known) @ rotations + floor
-    return DriveMotions(steps, np.linalg.inv(covariances))
+    covariances = np.swapaxes(rotations, 1, 2) @ np.linalg.inv(seen + wheels) @ rotations + floor
+    of_steps = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
+    return DriveMotions(steps, of_steps)
 
 
 def chain(measured: DriveMotions, first: int = 0) -> list[MotionEdge]:
