@@ -1,4 +1,4 @@
-"""Fit the confidence of alignments on pairs of maps with known poses, and evaluate it on others.
+"""Fit the confidence of alignments on pairs of maps with known poses, and evaluate it.
 
 The weights of the evidence are fitted on all given pairs. The model is evaluated by cross-validation: each building,
 with its parts and its mirror image, is left out of the fit once.
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 EXAMPLES = """examples:
   python tools/%(prog)s.py pairs/ new-pairs/ -o merging/confidence_model.json
       fit on folders of pairs that tools/make_map_pairs.py wrote
-  python tools/%(prog)s.py pairs/ --ask other-pairs/ --plot calibration.png
-      evaluate the model on pairs that are not part of the fit; only the picture is written
+  python tools/%(prog)s.py pairs/ --plot calibration.png
+      only evaluate the model; a picture of the calibration is written
 """
 WHOLE = 3.0
 """Weight of a pair of whole buildings; a pair of parts, whose borders are not those of buildings, has 1."""
@@ -63,9 +63,6 @@ def _parser() -> ProgramParser:
         "--strangers", type=int, default=0, metavar="N",
         help=f"N pairs of `benchmark strangers --seed {STRANGERS_SEED}` to fit on; each counts for {SIMULATED:g}",
     )  # fmt: skip
-    grammar.add_argument(
-        "--ask", nargs="*", type=path_argument, default=[], metavar="FOLDER", help="pairs to evaluate only"
-    )
     grammar.add_argument("-o", "--out", type=path_argument, metavar="FILE", help="write the fitted model here")
     grammar.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the calibration here")
     grammar.add_argument(
@@ -87,7 +84,6 @@ def _run(args: argparse.Namespace) -> None:
     by_folder |= {folder: trials_of(folder, config, executor, SIMULATED, bent=True) for folder in args.bent}
     if args.strangers:
         by_folder[Path("strangers")] = strangers(args.strangers, config, executor)
-    asked = {folder: trials_of(folder, config, executor) for folder in args.ask}
     trials = [trial for folder in by_folder.values() for trial in folder]
     judged = held_out(trials, executor)
     in_order = iter(judged)
@@ -95,15 +91,11 @@ def _run(args: argparse.Namespace) -> None:
         print(
             f"{folder}, by models fitted without its buildings\n{acceptance_table(list(islice(in_order, len(its))))}\n"
         )
-    model = fit_model(trials)
-    for folder, its in asked.items():
-        others = [pair.judged(model) for pair in its]
-        print(f"{folder}, not used in the fit\n{acceptance_table(others)}\n\n{calibration_table(others, BINS)}\n")
     print(f"all pairs, by models fitted without their buildings\n{calibration_table(judged, BINS)}")
     if args.plot:
         write_bytes(args.plot, draw_calibration([(pair.confidence, pair.right) for pair in judged], BINS))
     if args.out:
-        write_text(args.out, model.as_json())
+        write_text(args.out, fit_model(trials).as_json())
 
 
 def trials_of(

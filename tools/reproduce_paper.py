@@ -35,7 +35,7 @@ EXAMPLES = """examples:
       existing maps (a folder that `tbmslam map` wrote, with its truth.json)
 """
 
-_PLURAL, _PAIRS, _SHARE = number_within(int, 2, 1000), number_within(int, 1, 16), number_within(float, 0, 1)
+_PLURAL, _PAIRS = number_within(int, 2, 1000), number_within(int, 1, 16)
 _OVERLAP, _CELL, _POSITIVE = (
     number_within(float, 0, 0.9),
     number_within(float, 1e-3, 10),
@@ -70,7 +70,6 @@ def parser() -> argparse.ArgumentParser:
     )
     paper = grammar.add_argument_group("experiments")
     paper.add_argument("--pairs", type=_PAIRS, default=10, metavar="N", help="largest number of pairs, to 16 (10)")
-    paper.add_argument("--min-overlap", type=_SHARE, default=0.25, metavar="F", help="least overlap of a pair (0.25)")
     paper.add_argument(
         "--tolerance", type=_POSITIVE, default=0.5, metavar="M", help="largest error of a right match (0.5)"
     )
@@ -110,7 +109,7 @@ def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
     from tools.paper.experiments import load_pairs, record_of, run_experiments
 
     args.out.mkdir(parents=True, exist_ok=True)
-    pairs = load_pairs(args.maps or _make_maps(args), args.pairs, args.min_overlap)
+    pairs = load_pairs(args.maps or _make_maps(args), args.pairs)
     settings = _settings(args)
     results = run_experiments(pairs, settings, _say)
     command = " ".join(["reproduce_paper", *words])

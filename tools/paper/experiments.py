@@ -60,7 +60,7 @@ def map_simulated(bags: Sequence[Path], folder: Path, words: Sequence[str]) -> P
     return map_recordings(bags, folder, ["--separate", "--reference", *truths, *words])
 
 
-def load_pairs(folder: Path, most: int, min_overlap: float) -> list[MapPair]:
+def load_pairs(folder: Path, most: int, min_overlap: float = 0.25) -> list[MapPair]:
     """Return the pairs of the maps that build_maps wrote into a folder, with their true poses."""
     truth = read_truth_file(folder / TRUTH_FILE)
     if (doubt := truth.doubt()) is not None:
