@@ -149,20 +149,6 @@ def _prepared(source: DeformableMap | None) -> PreparedMap | None:
     return None if source is None else PreparedMap(source.structure, Features.none())
 
 
-def register_nonrigid(
-    target: TbmMap, source: TbmMap, config: MergeConfig, peak: Peak | None = None
-) -> NonrigidRegistration | None:
-    """Align a source map with a target map by deforming the map with less wall; None if no pose is accepted.
-
-    Without the peak of their refused rigid alignment it is computed, and no pose is refused by its decoys.
-    """
-    if not (config.nonrigid.enabled and config.method == "correlation"):
-        return None
-    resolution = comparison_resolution([target.grid, source.grid], config)
-    fixed, moving = (deformable(tbm_map.grid, resolution, config) for tbm_map in (target, source))
-    return register_deformable(fixed, moving, config, peak)
-
-
 def deformable(grid: TbmGrid, resolution: float, config: MergeConfig) -> DeformableMap | None:
     """Return a deformable map of a grid at a resolution [m]; None if no cell is known."""
     return DeformableMap.of(at_resolution(grid, resolution), config) if grid.is_known().any() else None
@@ -171,7 +157,10 @@ def deformable(grid: TbmGrid, resolution: float, config: MergeConfig) -> Deforma
 def register_deformable(
     target: DeformableMap | None, source: DeformableMap | None, config: MergeConfig, peak: Peak | None = None
 ) -> NonrigidRegistration | None:
-    """Align two maps of one resolution non-rigidly, as `register_nonrigid`; `peak` is computed unless it is given."""
+    """Align two maps of one resolution by deforming the map with less wall; None if no pose is accepted.
+
+    Without the `peak` of their refused rigid alignment it is computed, and no pose is refused by its decoys.
+    """
     if target is None or source is None or without_walls(target.structure, source.structure):
         return None
     if target.structure.wall_m < source.structure.wall_m:  # so that exchanged maps give the same result

@@ -35,19 +35,13 @@ class KeyframeBuffer:
         self._config = config
         self._limit = config.limit
         self._settled = 0
-        self._number = 0
         self._T_kept_tracked = SE2.identity()
         # Forgotten poses: reading, reading of the kept keyframe, and pose relative to its laser, five numbers.
         self._forgotten = array("d")
 
-    def __len__(self) -> int:
-        """Return the number of all keyframes, including forgotten ones."""
-        return self._number
-
     def add(self, keyframe: TrackedKeyframe) -> None:
         """Keep a keyframe."""
         self.keyframes.append(keyframe.moved(self._T_kept_tracked) if self._forgotten else keyframe)
-        self._number += 1
 
     def is_full(self) -> bool:
         """Return whether keyframes are to be forgotten now."""

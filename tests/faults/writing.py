@@ -15,8 +15,8 @@ from tests.faults.fault_case import FaultCase, Outcome, ProgramRun, run_program,
 from tests.faults.waiting_child import Moment, State
 from tests.faults.written_maps import WrittenMaps, contents
 from tools import build_maps, merge
-from tools.command_line.interruption import INTERRUPTED
 
+_INTERRUPTED = 128 + signal.SIGINT
 _STATES: tuple[State, ...] = ("empty", "half", "whole", "named")
 _FULL_AT = 10_000
 """Size at which the disk is full [B]: a picture of the maps is smaller, a map larger."""
@@ -139,13 +139,17 @@ CASES = (
     ),
     FaultCase(
         "Ctrl-C while maps are written",
-        partial(_stopped, send=signal.SIGINT, code=INTERRUPTED, states=("half",)),
+        partial(_stopped, send=signal.SIGINT, code=_INTERRUPTED, states=("half",)),
         quick=True,
     ),
     FaultCase(
         "Ctrl-C with two workers",
         partial(
-            _stopped, send=signal.SIGINT, code=INTERRUPTED, states=("half", "named"), words=("--workers", "2", "--redo")
+            _stopped,
+            send=signal.SIGINT,
+            code=_INTERRUPTED,
+            states=("half", "named"),
+            words=("--workers", "2", "--redo"),
         ),
     ),
     FaultCase(

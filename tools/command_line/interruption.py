@@ -15,9 +15,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-INTERRUPTED = 128 + signal.SIGINT
-"""Exit code of a program that Ctrl-C ended, by the convention of shells."""
-
 _SIGNALS: dict[signal.Signals, tuple[Any, str]] = {
     signal.SIGINT: (signal.default_int_handler, "interrupted"),
     signal.SIGTERM: (signal.SIG_DFL, "terminated"),

@@ -12,8 +12,8 @@ from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, fit_tiles
 from merging.nonrigid.hypotheses import DeformedPoses
-from merging.nonrigid.search import DeformedRivals, peak_of, register_nonrigid, register_pairs
-from merging.rigid_alignment import align_prepared, align_whole
+from merging.nonrigid.search import DeformedRivals, deformable, peak_of, register_deformable, register_pairs
+from merging.rigid_alignment import align_prepared, align_whole, comparison_resolution
 from merging.verification import examine
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
@@ -40,6 +40,11 @@ def agreement(target, source, motion):
     config = MergeConfig()
     structures = [WallMap.from_grid(one.grid, config.structure) for one in (target, source)]
     return examine(*structures, motion, config.verification).agreement
+
+
+def register_nonrigid(target, source, config, peak=None):
+    resolution = comparison_resolution([target.grid, source.grid], config)
+    return register_deformable(*(deformable(one.grid, resolution, config) for one in (target, source)), config, peak)
 
 
 def test_maps_that_fit_at_no_rigid_pose_are_aligned_by_deforming_one():
@@ -229,7 +234,6 @@ def test_maps_without_known_cells_or_walls_are_not_tried():
     for other in (empty, bare):
         assert register_nonrigid(target, other, MergeConfig()) is None
         assert register_nonrigid(other, source, MergeConfig()) is None
-    assert register_nonrigid(target, source, OFF) is None
 
 
 def closer(maps, groups, alignments, config=None, workers=1):
