@@ -1,4 +1,4 @@
-"""What a wheel looks like: everything under tbmslam and merging.
+"""The layout of a wheel: everything is under tbmslam and merging.
 
 `datasets` and `tools` are names that other projects install too. In a wheel they are `tbmslam.datasets` and
 `tbmslam.tools`; the imports of them, and the commands that help texts show, are written accordingly while it is built.

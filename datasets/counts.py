@@ -13,7 +13,7 @@ _CODE_BEAMS, _CODE_SHARE, _CODE_SCANS, _CODE_WIDTH, _CODE_NEAREST = 20, 0.005, 5
 
 
 def is_like_a_code(range_m: float, beams: int, scans: int, all_beams: int) -> bool:
-    """Return whether so many beams, in all and in each scan, have exactly this range that it may mean "no return"."""
+    """Return whether a range may mean "no return", because many beams of all scans have exactly this range."""
     is_frequent = beams >= max(_CODE_BEAMS, _CODE_SHARE * all_beams)
     is_wide = scans >= _CODE_SCANS and beams >= _CODE_WIDTH * scans
     return is_frequent and is_wide and range_m > _CODE_NEAREST

@@ -4,4 +4,4 @@ from tbmslam.errors import TbmSlamError
 
 
 class DatasetError(TbmSlamError):
-    """A recording cannot be read as asked: one line with the file, the fact and the remedy."""
+    """A recording cannot be read as requested. The message is one line with the file, the fact and the remedy."""

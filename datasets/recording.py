@@ -102,7 +102,7 @@ _MANY = 0.01
 def recording_warnings(recording: Recording, span: Span | None = None) -> list[str]:
     """Return a sentence for each anomaly of the last pass over a recording.
 
-    Gaps are those of the mapped `span`. Other counts have no times and are those of the whole recording.
+    Only gaps in the mapped `span` count. Other counts have no times and describe the whole recording.
     """
     counts = recording.counts
     counted = _counted(counts) + _beam_warnings(counts)
@@ -170,7 +170,7 @@ _Blocks: TypeAlias = "Queue[list[Reading] | BaseException]"
 
 
 def read_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
-    """Yield the same readings in the same order, read by a thread of its own.
+    """Yield the same readings in the same order, read by a separate thread.
 
     Decompressing a bag, and compiled code that uses the readings, leave Python to the other thread. An error of the
     reader is raised here, after the readings before it.

@@ -1,6 +1,6 @@
 """Merges maps with unknown relative poses into one map.
 
-The names below are what a notebook needs; each is loaded when it is first used.
+The names below are the interface for notebooks. Each is loaded at its first use.
 """
 
 import importlib

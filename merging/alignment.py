@@ -7,8 +7,8 @@ its number of cells. In the frame of the source, at the centroid of the agreeing
     covariance = inverse(sum over walls of metres * J' J / wall^2 + prior) + bend^2,    J = (nx, ny, x ny - y nx)
 
 with normals n at points (x, y). The parameters were fitted to the errors on `data/map-pairs` and on pairs cut from
-other maps; `tools/benchmark.py align` measures the calibration. Real drives are bent as a whole besides, by some tenths
-of a degree.
+other maps; `tools/benchmark.py align` measures the calibration. Real drives are also bent as a whole, by some tenths of
+a degree.
 """
 
 import base64

@@ -64,8 +64,8 @@ def refute_bridge(
 ) -> tuple[dict[Pair, Alignment], set[Sides]]:
     """Find a bridge that the alignment of both sides does not confirm, the most doubtful first.
 
-    Bridges in `confirmed` are not verified again. Returns the alignments to change: that of the bridge, now refused,
-    and others at the same pose; none if all bridges are confirmed. Also returns the confirmed bridges.
+    Bridges in `confirmed` are not verified again. Returns the changed alignments: the alignment of the bridge, now
+    refused, and others at the same pose; none if all bridges are confirmed. Also returns the confirmed bridges.
     """
     fitting, alignments = set[Sides](), found.alignments
     joins = [join for group in found.groups for join in bridges_of(group, alignments, config)]

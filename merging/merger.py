@@ -42,10 +42,10 @@ class Merge:
     """The joint optimisation of the drives; None for a rigid merge."""
     used: tuple[Pair, ...] = ()
     outvoted: tuple[Pair, ...] = ()
-    """The pairs whose alignments agree with the poses, and accepted ones that do not."""
+    """The pairs whose alignments agree with the poses, and the pairs whose accepted alignments do not."""
     evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
-    """The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps' own:
-    rendered from short ranges, or deformed."""
+    """The grids (target, source) of an alignment, each in its map's frame, if these are not the grids of the maps but
+    were rendered from short ranges or deformed."""
     deformed: Mapping[str, TbmMap] = field(default_factory=dict)
     """The deformed maps by name, which were merged instead of the given ones."""
 
@@ -75,11 +75,11 @@ def merge(
 ) -> Merge:
     """Merge maps with unknown relative poses.
 
-    Every pair of maps is aligned; of many maps only similar pairs (`merging.rounds`). Accepted alignments connect maps
-    to groups, and the largest group is fused in the order of the maps. Maps with known poses
-    (`MergeConfig.known_poses`) form the group that is fused, whatever the sizes of others. Maps of different groups are
-    aligned again by short ranges only. Groups that only doubtful alignments join must match as wholes. Remaining maps
-    are registered non-rigidly, and so are maps that a single alignment joins, if they fit much better.
+    Every pair of maps is aligned; with many maps only similar pairs are aligned (`merging.rounds`). Accepted alignments
+    connect maps to groups, and the largest group is fused in the order of the maps. If poses are known
+    (`MergeConfig.known_poses`), the group of these maps is fused instead. Maps of different groups are aligned again by
+    short ranges only. If only doubtful alignments join two groups, the groups must match as wholes. The remaining maps
+    are registered non-rigidly. A map that a single alignment joins is also deformed if it then fits much better.
 
     Parameters
     ----------

@@ -134,7 +134,7 @@ def _likeliest(target: WallMap, source: WallMap, prior: SE2, config: MergeConfig
 def _poses_near(target: WallMap, source: WallMap, prior: SE2, config: MergeConfig) -> list[Candidate]:
     """Return poses near the known one with enough agreeing walls; the known one if there is none.
 
-    Walls correct the known pose only at right angles to them, so the refined pose is a candidate besides those of the
+    Walls correct the known pose only across them, so the refined pose is a candidate in addition to the poses of the
     search.
     """
     found = [

@@ -1,7 +1,7 @@
 """Rounds of pairwise registration: all pairs of a few maps, the most similar pairs of many, and short ranges.
 
-A merge of a thousand maps has half a million pairs, few of which show one place. Therefore each map is aligned first
-with the maps that are most similar to it, and in later rounds with more maps that may join groups.
+A merge of a thousand maps has half a million pairs, and few of them show the same place. Therefore each map is aligned
+first with the maps that are most similar to it, and in later rounds with more maps that may join groups.
 
 Similarity needs no alignment. A map has places every two metres along its walls. Each place has a signature that does
 not depend on the map's frame: the distances and facings of the walls around it. Distant places of one building are
@@ -221,7 +221,7 @@ def _position_in(order: Mapping[str, int]) -> Callable[[Pair], tuple[int, int]]:
 
 
 def _may_join(pair: Pair, found: MergeState) -> bool:
-    """Return whether two maps are in different groups, one of which has several maps."""
+    """Return whether two maps are in different groups, and one of the groups has several maps."""
     return not found.are_joined(pair) and any(len(found.group_of(name)) > 1 for name in pair)
 
 

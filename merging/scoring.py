@@ -42,7 +42,7 @@ def doubtful_m(evidence: Evidence) -> float:
 
 
 def _beyond_chance(evidence: Evidence) -> float:
-    """Return the share of agreeing walls less that of all others; by chance about half of the walls agree."""
+    """Return the share of agreeing walls minus the share of all others; by chance about half of the walls agree."""
     agreed, doubtful = evidence.agreed_wall_m, doubtful_m(evidence)
     return max(agreed - doubtful, 0.0) / (agreed + doubtful + 0.5)
 
@@ -222,7 +222,7 @@ def _log_seen_through(evidence: Evidence) -> float:
 def _misfit(evidence: Evidence, others: Sequence[Evidence], decoys: Sequence[Evidence]) -> float:
     """Return the log of the RMS distance of the agreeing walls relative to chance.
 
-    Chance is the median of the other poses of these maps, or that of a decoy with as much agreeing wall if it is less.
+    Chance is the median of the other poses of these maps, or of a decoy with as much agreeing wall if that is less.
     """
     here = _meaningful_rmse(evidence)
     elsewhere = [rmse for other in [*others, *decoys] if (rmse := _meaningful_rmse(other)) is not None]

@@ -1,8 +1,8 @@
 """The evidence for and against a pose hypothesis: lengths of wall that agree and conflict.
 
 The cells of one straight wall are not independent: a long wall lies on other walls by chance as easily as a short one.
-Therefore walls are also counted by square blocks of the floor (`Pieces`), each of which counts once, and by corners.
-Unbroken stretches of wall that the other robot saw through are measured separately: places that look alike share many
+Therefore walls are also counted by square blocks of the floor (`Pieces`), where each block counts once, and by corners.
+Unbroken stretches of wall that the other robot saw through are measured separately: similar places share many
 walls, but one of them often has a wall where the other has free space.
 """
 

@@ -1,7 +1,7 @@
 """One robot: laser scans and odometry become a map of belief masses.
 
-The names below are what a notebook needs; each is loaded when it is first used. `open_recording` is that of the package
-`datasets`, which an installed wheel has as `tbmslam.datasets`.
+The names below are the interface for notebooks. Each is loaded at its first use. `open_recording` is that of the
+package `datasets`, which an installed wheel has as `tbmslam.datasets`.
 """
 
 import importlib

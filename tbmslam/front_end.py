@@ -1,4 +1,4 @@
-"""The front end: odometry and a scan place the robot; scans that show something new become keyframes."""
+"""The front end: estimates the pose of each scan, and makes keyframes of scans that show something new."""
 
 import math
 from typing import NamedTuple
@@ -28,7 +28,7 @@ class Placement(NamedTuple):
 
     reading: Reading
     scan: LaserScan
-    """Its scan, without the motion of the robot while the laser turned."""
+    """Its scan, after compensation of the motion during the scan."""
     prior: PosePrior
     """The pose by odometry, with its noise."""
     match: ScanMatch

@@ -50,8 +50,8 @@ class Slam:
     incidents
         Problems of the drive with their times.
     correction_m
-        How far loop closures and adjustment moved the robot at the most; 0 if no loop was closed. Known when the map
-        is finished [m].
+        Largest correction of the robot's position by loop closures and adjustment [m]; 0 if no loop was closed. Known
+        when the map is finished.
     """
 
     correction_m = 0.0
@@ -90,7 +90,7 @@ class Slam:
         Raises
         ------
         ValueError
-            It holds numbers that cannot be meant, see `Reading.check`.
+            The reading holds impossible numbers, see `Reading.check`.
         """
         reading.check()
         self._monitor.reopen()
@@ -138,7 +138,7 @@ class Slam:
         return None if drive is None else self._back_end.adjusted(drive, self._progress)
 
     def _final_poses(self, tracked: FloatArray, optimised: OptimisedDrive | None) -> FloatArray:
-        """Return the poses (N, 3) of the robot at all readings; `tracked` has them as they were tracked."""
+        """Return the poses (N, 3) of the robot at all readings, by the tracked poses (N, 3)."""
         if optimised is None:
             return tracked
         poses = self._buffer.corrected(tracked, optimised.poses)

@@ -21,7 +21,7 @@ _LONG_PAUSE_NS = 600 * 10**9
 
 
 def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
-    """Refuse bags that hold different scans from the same time, as those of two robots do.
+    """Refuse bags that hold different scans of the same time, such as bags of two robots.
 
     Woven into each other they are no drive. A bag that is given twice, or recorded again, holds the same scans.
     """

@@ -230,7 +230,7 @@ def _frames(data: bytes, place: int, is_cdr: bool) -> tuple[str, str, float, int
 
 
 def _check_end(data: bytes, end: int, is_cdr: bool) -> None:
-    """Refuse bytes that go on where the message should end, or end before."""
+    """Refuse bytes that are longer or shorter than the message."""
     if not 0 <= len(data) - end <= (_PADDING if is_cdr else 0):
         raise NotAsUsualError(f"{len(data)} bytes, and its fields end at {end}")
 

@@ -26,7 +26,7 @@ class RangeRules:
 
     range_min: float | None
     range_max: float | None
-    """Limits [m] that replace those of the scan; None for those of the scan."""
+    """Limits [m] that replace the limits of the scan; None keeps the limits of the scan."""
     no_return_codes: tuple[float, ...]
     """Ranges [m] that mean no return, also within the limits."""
     no_return: Literal["free", "drop"]
@@ -73,7 +73,7 @@ class CleanRanges(NamedTuple):
 def clean_ranges(ranges: npt.ArrayLike, range_min: float, range_max: float, rules: RangeRules) -> CleanRanges:
     """Convert raw ranges (S, N) of scans [m] to those of `LaserScan`, and count the beams by result.
 
-    The limits are those of `RangeRules.limits` [m]. Many scans at once take hardly longer than one.
+    The limits are those of `RangeRules.limits` [m]. Many scans at once take hardly longer than a single scan.
     """
     cleaned = np.array(ranges, dtype=np.float64)
     no_return = _are_without_return(cleaned, range_max, rules.no_return_codes)

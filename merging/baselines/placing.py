@@ -104,7 +104,7 @@ def judged_alignment(
     measure: tuple[str, bool],
     config: MergeConfig,
 ) -> Alignment:
-    """Return a method's alignment of target and source, accepted if its own measure and the overlap suffice.
+    """Return the alignment of a method, accepted if the method's own measure and the overlap are sufficient.
 
     `place` (3,) is the best pose. `measure` is the method's measure as text, and whether it suffices.
     """
@@ -144,7 +144,7 @@ def hough_spectrum(points: Points, weights: FloatArray, cell_m: float) -> FloatA
 def likely_turns(target: FloatArray, source: FloatArray, count: int) -> FloatArray:
     """Return the rotations [rad] of highest correlation of two spectra (BINS,): two for each of at most `count` maxima.
 
-    A spectrum has the period of half a turn, so that every maximum stands for two turns.
+    A spectrum has a period of half a turn, so every maximum represents two rotations.
     """
     centred = [spectrum - spectrum.mean() for spectrum in (target, source)]
     correlation = np.fft.irfft(np.fft.rfft(centred[0]) * np.conj(np.fft.rfft(centred[1])), BINS)

@@ -1,1 +1,1 @@
-"""Many maps: which belong together, and where each lies."""
+"""The graph of many maps: consistent groups, and the pose of each map in its group."""

@@ -58,7 +58,7 @@ def edges_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Edge]:
 def support_of(probability: FloatArray, coincidence: float) -> FloatArray:
     """Return the log odds that a pose gains from a measurement of the same pose.
 
-    `probability` (N,) is that of a right measurement, and `coincidence` that of equal poses which are both wrong.
+    `probability` (N,) is the probability that a measurement is right, and `coincidence` that two wrong poses are equal.
     """
     return np.log1p(probability * (1.0 / coincidence - 1.0))
 

@@ -69,7 +69,7 @@ class DeformedRivals:
     def of(cls, poses: DeformedPoses, pose: DeformedPose, proposals: list[SE2]) -> "DeformedRivals":
         """Deform a map at the rivals of a pose, and deform its mirror image at the best poses of the image.
 
-        Rivals that end at one place, or at that of the pose in question, count once.
+        Rivals that end at the same place, or at the place of the tested pose, count once.
         """
         target, config = poses.target, poses.config
         mirror = DeformableMap.of(poses.source.grid.mirrored(), config)
@@ -95,7 +95,7 @@ def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config
 
 @dataclass(frozen=True)
 class NonrigidRegistration:
-    """The registration of two maps of which one was deformed."""
+    """The registration of two maps, one of which is deformed."""
 
     alignment: Alignment
     """The accepted alignment: the nearest rigid transform, with the evidence of the deformed map."""
@@ -113,7 +113,7 @@ class Peak(NamedTuple):
     motions: Sequence[SE2]
     """Poses of the map with less wall in the other's frame, `Alignment.starts`."""
     lead: float
-    """The score of the first pose in the correlation divided by that of the next one."""
+    """The score of the first pose in the correlation divided by the score of the next pose."""
     decoys: Sequence[Evidence]
     """The evidence for some poses of the mirror image."""
 
@@ -174,7 +174,7 @@ def register_accepted(
 ) -> NonrigidRegistration | None:
     """Deform the map with less wall at an accepted rigid pose; None unless the deformed map is much more likely.
 
-    The confidence stays that of the rigid alignment: the deformation changes the fit at a place, and not the place.
+    The confidence of the rigid alignment is kept, because the deformation changes the fit but not the place.
     """
     if rigid.T_target_source is None or rigid.evidence is None:
         return None

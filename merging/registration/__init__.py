@@ -1,1 +1,1 @@
-"""Hypotheses of where one map lies in another's frame."""
+"""Hypotheses of the relative pose of two maps."""

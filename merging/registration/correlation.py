@@ -87,7 +87,7 @@ class Proposals(NamedTuple):
     """The most promising motions of one map in the frame of another."""
 
     motions: list[SE2]
-    """T_target_source (K,), the best first, no two of them alike."""
+    """T_target_source (K,) of distinct poses, the best first."""
     scores: FloatArray
     """Length (K,) of agreeing minus contradicting walls, approximately [m]."""
 
@@ -308,7 +308,7 @@ def _slid(target: WallMap, source: WallMap, motions: list[SE2], reaches: FloatAr
 
 
 def lead_of(proposals: Proposals, source: WallMap) -> float:
-    """Return the score of the best proposal divided by that of the best distinct one; 0 without proposals."""
+    """Return the score of the best proposal divided by the score of the best distinct one; 0 without proposals."""
     if not proposals.motions:
         return 0.0
     best = {motion: float(score) for motion, score in zip(*proposals, strict=True)}
@@ -317,7 +317,7 @@ def lead_of(proposals: Proposals, source: WallMap) -> float:
 
 
 def elsewhere(motions: list[SE2], scores: FloatArray, source: WallMap, count: int) -> list[SE2]:
-    """Return up to `count` of the best motions, no two of which put the source's walls at one place."""
+    """Return up to `count` of the best motions that place the walls of the source at distinct places."""
     centroid = np.append(source.centroid, 0.0)
     centres = compose(np.array(motions, dtype=np.float64).reshape(-1, 3), centroid)
     return [motions[index] for index in distinct(centres, scores, _ELSEWHERE_M, _ELSEWHERE_RAD, count)]

@@ -37,7 +37,7 @@ class Channels:
 
     @classmethod
     def from_grid(cls, grid: TbmGrid, border: int = 0) -> "Channels":
-        """Draw a grid, with a border of so many unknown cells around it.
+        """Draw a grid with a border of unknown cells.
 
         Keypoint detectors keep away from the edges of an image; a border gives the walls there a chance.
         """
@@ -99,7 +99,7 @@ class Features:
 
 @dataclass(frozen=True)
 class Matches:
-    """Keypoints of two maps that look alike: row i of one belongs to row i of the other."""
+    """Matched keypoints of two maps: row i of one map belongs to row i of the other."""
 
     target_points: FloatArray
     source_points: FloatArray

@@ -1,6 +1,6 @@
 """Masses of a grid in square tiles, of which only those with evidence are stored.
 
-Most cells of a large building were never seen: a ring of corridors of 300 x 140 m knows 7 % of its box, and its tiles
+Most cells of a large building are never seen: a ring of corridors of 300 x 140 m covers 7 % of its box, and its tiles
 hold 15 % of it.
 """
 

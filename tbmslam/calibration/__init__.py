@@ -1,1 +1,1 @@
-"""Checks of the laser's stated mount, ranges and angles against odometry, scans and walls."""
+"""Checks of the recorded mount, ranges and angles of the laser, by odometry, scans and walls."""

@@ -1,1 +1,1 @@
-"""Loops: places seen again are found, verified, and bend the drive so that they coincide."""
+"""Loop closure: revisited places are found and verified, and the drive is corrected."""

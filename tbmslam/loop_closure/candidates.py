@@ -1,4 +1,4 @@
-"""Submaps as targets of loop closure, and which of them a keyframe may see by the drift."""
+"""Submaps as targets of loop closure, and the choice of possible targets by the drift."""
 
 import math
 from bisect import bisect, bisect_left
@@ -21,8 +21,7 @@ _BRIDGE = 0.5
 class DriftGraph:
     """A graph of places; an edge is the shortest path driven between two of them.
 
-    It grows with the explored area and not with the drive. A place is passed once, and met again at every registration
-    to it.
+    It grows with the explored area and not with the drive. A place is added once; each registration to it adds edges.
     """
 
     def __init__(self) -> None:
@@ -86,8 +85,7 @@ class ChainDrift:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the deviations of position (N,) [m], along its worst direction, and heading (N,) [rad].
 
-        They are those of targets as seen from sources, by the motions between them only (first order; Sola et al.,
-        eq. 54).
+        They describe targets as seen from sources, by the motions between them only (first order; Sola et al., eq. 54).
         """
         sums = self._sums[np.maximum(sources, targets)] - self._sums[np.minimum(sources, targets)]
         to_target = adjoints(inverse(self._poses[targets]))

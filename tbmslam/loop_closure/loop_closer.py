@@ -1,6 +1,6 @@
 """Loop closure: revisited places are searched, verified, and corrected by a robust pose graph.
 
-The drive is divided into submaps. The model of the drift tells if the drive may have returned to an old submap. Then a
+The drive is divided into submaps. The model of the drift states if the drive may have returned to an old submap. Then a
 bundle of neighbouring keyframes is searched in the submap, registered to its surfaces, and verified: many hits must lie
 on surfaces, and few in free space. A direction that the fit does not determine, as along a corridor, stays
 undetermined. If the drift may be large, a find is accepted only if several finds along the drive agree, the drift
@@ -264,7 +264,7 @@ class _Drive:
         return found
 
     def _found(self, keyframe: int) -> list[PlacedBundle]:
-        """Return the poses of a keyframe's bundle; those of wide searches only once several along the drive agree."""
+        """Return the poses of a keyframe's bundle; poses of wide searches only if several along the drive agree."""
         fits, votes = [], []
         for target, shift, turn in self._candidates(keyframe):
             if shift > self.config.votes.beyond:
@@ -290,7 +290,7 @@ class _Drive:
     def _rivals(self, election: _Election, elected: list[PlacedBundle]) -> Iterator[list[PlacedBundle]]:
         """Yield the votes of the elected keyframes for each other place that any keyframe proposes.
 
-        A search names few of the many places that look alike, and each keyframe may name others.
+        A search proposes few of the many similar places, and each keyframe may propose others.
         """
         stops = sorted({vote.keyframe for vote in elected})
         bundles = {keyframe: self._hits.bundle(keyframe, *election.bundle) for keyframe in stops}
@@ -318,7 +318,7 @@ class _Drive:
         return [vote for vote in votes if vote is not None]
 
     def _vote(self, votes: ClosureVotes, keyframe: int, target: int, bundle: Hits, place: SE2) -> PlacedBundle | None:
-        """Return where a keyframe's bundle lies in a target near a place, with its weight, if it may lie there."""
+        """Register a bundle to a target near a pose; return the result with its weight, or None if it is weak."""
         submap = self._targets.submap(target)
         fit = submap.fit(bundle, place)
         weight = votes.weight(fit.matched, fit.violated)

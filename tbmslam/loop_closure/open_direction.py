@@ -1,4 +1,4 @@
-"""The direction that a fit does not determine, as that of a corridor."""
+"""The direction that a fit does not determine, such as along a corridor."""
 
 import math
 

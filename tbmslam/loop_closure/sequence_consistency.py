@@ -1,9 +1,9 @@
 """Finds of wide searches are accepted only if several of them along the drive agree.
 
-Where the drift may be large, many places resemble the searched one, and the true one may not be mapped well enough to
-be found. A single find is weak evidence then. True finds give one and the same correction all along the drive, while
-chance gives another one at every step, and a corridor that repeats itself gives several at once. (After SeqSLAM,
-M. Milford and G. Wyeth, ICRA 2012: places are recognised by sequences.)
+If the drift may be large, many places are similar, and the true place may not be mapped well enough to be found. A
+single find is then weak evidence. True finds give the same correction all along the drive. Chance finds give another
+correction at every step, and a repetitive corridor gives several corrections at once. (After SeqSLAM, M. Milford and
+G. Wyeth, ICRA 2012: places are recognised by sequences.)
 """
 
 from typing import NamedTuple

@@ -18,7 +18,7 @@ class DriveMotions:
     """Motions of the laser between successive keyframes by odometry and scans, with their information.
 
     The optimised poses of a drive contain its own loop closures. A joint optimisation with other robots needs the
-    measurements instead: if a loop bent a corridor, only they show that it was straight.
+    measurements instead: if a loop closure bent a corridor, only they show that it was straight.
     """
 
     steps: FloatArray

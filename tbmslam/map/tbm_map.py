@@ -71,7 +71,7 @@ class TbmMap:
     ) -> "TbmMap":
         """Read a picture of a map, such as a floor plan: white is free, black occupied, and grey (205) unknown.
 
-        Pixels mean what they mean to nav2 without a yaml file of their own, see `PixelRule`.
+        Pixels have the meaning that nav2 uses by default, see `PixelRule`.
 
         Parameters
         ----------

@@ -17,7 +17,7 @@ from tbmslam.monitoring.odometry_check import OdometryCheckConfig, odometry_scal
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, informations, odometry
 
 _SPAN_S, _STEP_S = 10.0, 1.0
-"""Time over which a speed is measured, and between its poses: the noise of single poses would look like speed."""
+"""Time over which a speed is measured, and time between its poses: noise of single poses would add to the speed."""
 _FASTEST = 4.0
 """Largest plausible speed [m/s]: robots that map buildings drive up to 2 m/s, their platforms up to 3 m/s."""
 _CONFIRMED_SHARE = 0.5
@@ -134,7 +134,7 @@ def _undetermined_steps(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
 
 
 _FEW_KEYFRAMES = 10
-"""A cell that every scan saw as free is free in map.pgm if so many scans or more are drawn."""
+"""Number of scans from which a cell that all of them see as free is free in map.pgm."""
 
 
 def standing_warnings(trajectory: Trajectory, keyframes: Keyframes) -> list[EndWarning]:

@@ -24,7 +24,7 @@ _DAMPING = 1e-5
 _MOST_DAMPING = 1e8
 """Damping from which no step is long enough to matter."""
 _RESIDUE = 1e-5
-"""Share of the right side that a step may leave unsolved: slow bends of a long drive are a small part of it."""
+"""Relative residual at which a step ends; slow bends of a long drive are a small part of the right side."""
 _COVARIANCE_RESIDUE = 1e-9
 """The same for covariances, which take one solution for each axis."""
 _NO_LINES = LineSystem(np.empty((0, 3, 2)), np.empty((0, 3)), np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.int64))

@@ -27,7 +27,7 @@ class Hits(NamedTuple):
         return Hits(*move_hits(self.points, self.normals, T_new_old))
 
     def thinned(self, count: int) -> "Hits":
-        """Return every n-th hit, so that at least `count` are left where there are as many."""
+        """Return every n-th hit, with the largest n that leaves at least `count` hits."""
         step = max(len(self.points) // count, 1)
         # Contiguous, since kernels are compiled again for other layouts.
         return Hits(np.ascontiguousarray(self.points[::step]), np.ascontiguousarray(self.normals[::step]))

@@ -1,8 +1,8 @@
 """Inverse sensor model: the evidence of one beam for the cells it ends in, passes, and nearly reaches.
 
 Source: vinySLAM (Huletski, Kartashov, Krinkin, "VinySLAM: an indoor SLAM method for low-cost platforms based on the
-Transferable Belief Model", IROS 2017) with the constants of its program. The mean is that of its authors' tinySLAM
-(after Steux and El Hamzaoui, "tinySLAM: a SLAM algorithm in less than 200 lines", 2010).
+Transferable Belief Model", IROS 2017) with the constants of its program. The averaging rule is that of tinySLAM by the
+same authors (after Steux and El Hamzaoui, "tinySLAM: a SLAM algorithm in less than 200 lines", 2010).
 """
 
 from typing import ClassVar, Literal

@@ -1,1 +1,1 @@
-"""Following the robot: each scan is placed in what was learnt from earlier ones."""
+"""Tracking of the robot: each scan is registered to earlier scans."""

@@ -1,4 +1,4 @@
-"""The prior on the robot's pose: its last pose and the odometry's motion since, with their noise."""
+"""The prior on the robot's pose: its last pose and the motion by odometry since then, with their noise."""
 
 import math
 from typing import Literal
@@ -13,11 +13,11 @@ from tbmslam.tracking.odometry_noise import Deviations, OdometryNoise, OdometryN
 from tbmslam.tracking.tracker import Coasting, PosePrior
 
 _JUMP = 2.0
-"""An odometry step that exceeds what the robot can drive by more is a jump [m]."""
+"""An odometry step is a jump if it exceeds the possible distance by more [m]."""
 _OLD = 1.0
 """A motion between readings that lie further apart does not continue [s]."""
 _LONGEST = 2.0
-"""Largest ratio of a step to the last one when the robot goes on as before; stamps may be wrong."""
+"""Largest ratio of an extrapolated step to the last step; stamps may be wrong."""
 _FORGETTING = 0.05
 """Weight of the latest time between scans in the usual one."""
 _NONE = 0.0, 0.0, 0.0
@@ -203,10 +203,10 @@ class MotionModel:
         return math.hypot(start[0] - x - ratio * (x - before_x), start[1] - y - ratio * (y - before_y))
 
     def _beyond(self) -> float:
-        """Return by how much the odometry exceeds what a robot can drive, with this step and the last ones [m].
+        """Return the distance by which this step and the last steps exceed the possible distance [m].
 
-        A leaky bucket: odometry in centimetres makes steps of metres, of which one may be a jump, but not all. The
-        bucket leaks more slowly if steps were impossible lately, since such odometry would be trusted after each halt.
+        A leaky bucket: odometry in centimetres makes steps of metres, and only one of them may be a jump. The bucket
+        leaks more slowly after impossible steps; otherwise such odometry would be trusted after each halt.
         """
         step, possible = self._step
         return self._ahead + step - possible / (1 + self._impossible)

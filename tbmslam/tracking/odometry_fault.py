@@ -1,7 +1,7 @@
 """The probability that the odometry is faulty: it may be reversed, frozen or slip for some time.
 
 A hidden Markov model of two states, right and faulty, with one step for each keyframe. Right odometry errs by Student's
-t distribution. Faulty odometry says nothing, so the robot is equally likely anywhere that it can reach. The forward
+t distribution. Faulty odometry has no information, so all reachable poses are equally likely. The forward
 algorithm gives the probability of a fault (L. Rabiner, "A tutorial on hidden Markov models", 1989). So the first
 keyframe of a fault needs much evidence of the scans, and the next ones need little.
 """

@@ -1,10 +1,10 @@
 """The noise of the odometry, estimated from the registration of scans.
 
-The deviations of a motion grow with its length and its turn. By which factor they are larger or smaller than stated is
-learnt for each axis from the corrections between keyframes: a correction's square counts as much as the scan determined
-of that axis, so that along a featureless wall nothing is learnt (D. MacKay, "Bayesian interpolation", 1992: a prior's
-variance is the sum of squares over the number of well-determined parameters). Slips are outliers of Student's t
-distribution and count little.
+The deviations of a motion grow with its length and its turn. For each axis, a factor relative to the stated deviations
+is learnt from the corrections between keyframes. The square of a correction is weighted by the share that the scan
+determined of this axis, so nothing is learnt along a featureless wall (D. MacKay, "Bayesian interpolation", 1992: the
+variance of a prior is the sum of squares over the number of well-determined parameters). Slips are outliers of
+Student's t distribution and have little weight.
 """
 
 import math
@@ -15,10 +15,10 @@ from pydantic import Field
 from tbmslam.frozen_config import FrozenConfig
 
 Deviations = tuple[float, float, float]
-"""Of a pose in its own frame: along [m], across [m] and in heading [rad]."""
+"""Standard deviations of a pose in its own frame: along [m], across [m] and in heading [rad]."""
 
 FREEDOM = 4.0
-"""Degrees of freedom of Student's t distribution: about one correction of twenty is a slip."""
+"""Degrees of freedom of Student's t distribution: about one correction in twenty is a slip."""
 
 _LEAST, _MOST = 0.05, 20.0
 """Bounds of the factors: scans themselves err by a few millimetres from keyframe to keyframe."""
@@ -41,8 +41,8 @@ class OdometryNoiseConfig(FrozenConfig):
     heading_per_metre: float = Field(0.05, ge=0, description="heading deviation per travelled metre [rad/m]")
     heading_per_radian: float = Field(0.1, ge=0, description="heading deviation per turned radian [rad/rad]")
     learning: bool = Field(True, description="learn from scans by which factor the deviations differ")
-    memory: float = Field(100.0, gt=0, description="number of keyframes that are looked back at")
-    certainty: float = Field(3.0, gt=0, description="keyframes that the stated deviations count for")
+    memory: float = Field(100.0, gt=0, description="number of keyframes over which the factors are learnt")
+    certainty: float = Field(3.0, gt=0, description="weight of the stated deviations, as a number of keyframes")
 
 
 class OdometryNoise:
@@ -83,9 +83,9 @@ class OdometryNoise:
         )
 
     def _learnt(self, axis: int, weight: float, error: float, deviation: float, moved: float, share: float) -> float:
-        """Return the factor of an axis after a correction, of which `learn` tells each axis its part."""
+        """Return the factor of an axis after a correction; the arguments are the components of those of `learn`."""
         own = moved / self.factors[axis]
-        # What the keyframe's own pose explains of the correction tells nothing of the motion.
+        # The part of the correction that the keyframe's own pose explains says nothing about the motion.
         explained = share * (deviation * deviation - moved * moved)
         squares = self._kept * self._squares[axis] + (weight * error * error - explained) / (own * own)
         determined = self._kept * self._determined[axis] + share

@@ -29,7 +29,7 @@ the edge of the known area costs less than one in the midst of it. With 0, scans
 by metres."""
 _THING = 0.5
 """Hits within this length of surface count as one object, such as a person [m]. With 0.1 m, the scale at which hit
-errors are correlated, five people who walk along a corridor hold the robot back by metres."""
+errors are correlated, the drive is metres too short if five people walk beside the robot along a corridor."""
 _FEW, _MANY = 0.2, 15.0
 """A scan is lost if a smaller share of it fits and more independent hits fit nothing: the robot is elsewhere, or the
 place has changed. Four good indoor drives stay above a share of 0.4."""
@@ -40,8 +40,8 @@ _SURPRISING = 12.8
 """Squared Mahalanobis distance from the prior beyond which other hypotheses are tried: chance exceeds it in 0.5 %."""
 _SWERVE = 0.1
 """A step of the odometry that differs more from the robot's last motion may be a fault: registration converges from no
-farther away [m]. Inertia counts only then, since people who walk along may have held the last scans back. With 0.05 a
-crowd in a simulated hospital costs 0.2 m instead of 0.02 m."""
+farther away [m]. Inertia counts only then, since the last poses may be wrong if people walk beside the robot. With
+0.05 the error in a simulated hospital with a crowd is 0.2 m instead of 0.02 m."""
 _CERTAIN = 2.0
 """The certain share of a scan is its estimate minus this number of standard deviations. Lasers with few hits need a
 denser map: with 0 the drive with a range of 1 m (`weak-lasers`) errs by 0.15 m instead of 0.03 m."""
@@ -92,7 +92,7 @@ class _PoseBelief(NamedTuple):
 
     @classmethod
     def of(cls, T_map_robot: SE2, deviations: Deviations, T_robot_sensor: SE2) -> "_PoseBelief":
-        """Return the laser's belief by that of the robot, whose deviations are along, across and in heading."""
+        """Return the belief about the laser's pose by the robot's pose and its deviations (along, across, heading)."""
         mount = (*T_robot_sensor,)
         return cls(T_map_robot @ T_robot_sensor, prior_information(deviations, T_map_robot.theta, mount))
 
@@ -114,7 +114,7 @@ class SurfelTracker:
     def __init__(self, config: SurfelTrackerConfig) -> None:
         self._config = config
         self.grid: EvidenceGrid | None = None
-        # Once it reaches back far enough, a map of the recent part of what is in it takes its place.
+        # When it reaches back far enough, a map of its recent part replaces it.
         self._map = SurfelMap(config.surfels)
         self._recent: list[tuple[Hits, SE2]] = []
         self._travelled = 0.0
@@ -202,7 +202,7 @@ class SurfelTracker:
                 return []
             return [found if belief is predicted else found._replace(surprise=predicted.squared_distance(found.pose))]
 
-        # If people walk along or a slip begins, the scan fits twice: by what moves with the robot, and by what stands.
+        # If people walk along or a slip begins, the scan fits twice: to objects that move with the robot, and to walls.
         others = registered(predicted, predicted.mean, self._narrow, result) if prior.by_odometry else []
         other = inertia or predicted
         others += registered(other, other.mean, self._search, result)
@@ -244,17 +244,17 @@ class SurfelTracker:
         return self._map.search(few, guess, self._reach, turns, tolerance, (0.2, 0.05))
 
     def is_novel(self, match: ScanMatch) -> bool:
-        """Tell whether much of what the laser sees may not be known yet."""
+        """Return whether a large share of the scan may be unknown so far."""
         return match.score < self._config.novel
 
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
-        """Add the scan's hits to the surfaces, and let old ones go."""
+        """Add the hits of the scan to the surfels, and drop old surfels."""
         pose = match.T_map_sensor
         if self._last is not None:
             self._travelled += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
         self._last = pose
         if self._travelled > self._config.window:
-            # It will be as large as the one before.
+            # The new map will be as large as the old map.
             self._map = SurfelMap(self._config.surfels, slots=self._map.slots)
             for recent in self._recent:
                 self._map.insert(*recent)
@@ -288,13 +288,13 @@ def _unmatched(result: Registration, prior: PosePrior, between: ScanMotion | Non
 
 
 def _by_scans(prior: PosePrior, found: ScanMotion, T_robot_sensor: SE2) -> PosePrior:
-    """Return the prior that the last scans give; their deviations are alike along and across."""
+    """Return the prior by the last scans; its deviations along and across are equal."""
     mean, (position, heading) = found.motion @ T_robot_sensor.inverse(), found.deviations
     return prior._replace(mean=mean, start=mean, deviations=(position, position, heading))
 
 
 def _least_share(result: Registration) -> float:
-    """Return which share of what the laser can hit is known at the least, as far as so many independent hits tell."""
+    """Return a lower bound of the known share of the surroundings, by the number of independent hits."""
     _, _, share, independent, _ = result
     variance = share * (1.0 - share) / max(independent, 1.0)
     return share - _CERTAIN * math.sqrt(variance) if variance > 0.0 else share

@@ -1,4 +1,4 @@
-"""Tracking: the interface of what registers scans on earlier scans."""
+"""The interface of trackers, which register scans to earlier scans."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -22,7 +22,7 @@ class ScanMatch(NamedTuple):
     trust: float = 1.0
     """Weight of the prior's information: near 0 if the prior was far off, for example after a slip of the wheels."""
     is_lost: bool = False
-    """Whether the scan has many hits, of which hardly any was seen before."""
+    """Whether the scan has many hits, and hardly any of them fits earlier scans."""
 
 
 class ScanMatcher(Protocol):
@@ -39,12 +39,12 @@ def moved_from(initial_guess: SE2, pose: SE2) -> bool:
 
 
 class Coasting(NamedTuple):
-    """The robot's pose if it goes on as before: robots have inertia."""
+    """The robot's pose if its motion continues: robots have inertia."""
 
     mean: SE2
     """T_map_robot by the robot's last motion."""
     deviations: Deviations
-    """Of the mean in its own frame, since robots accelerate."""
+    """Standard deviations of the mean in its own frame; robots accelerate."""
 
 
 class PosePrior(NamedTuple):
@@ -53,10 +53,10 @@ class PosePrior(NamedTuple):
     mean: SE2
     """T_map_robot: by odometry since the last keyframe or, without odometry, by the last motion."""
     deviations: Deviations
-    """Of the mean in its own frame, those of the last keyframe's pose and of the motion since then together; all zero
-    for the first pose of a drive, which is where it is."""
+    """Standard deviations of the mean in its own frame, by the last keyframe's pose and the motion since then; all zero
+    for the first pose of a drive, which defines the frame."""
     motion: Deviations
-    """Of the motion alone."""
+    """Standard deviations of the motion since the last keyframe alone."""
     start: SE2
     """T_map_robot by odometry since the last scan: the registration starts here."""
     coasting: Callable[[], Coasting | None]
@@ -86,5 +86,5 @@ class Tracker(Protocol):
         ...
 
     def is_novel(self, match: ScanMatch) -> bool:
-        """Return whether a scan is to be inserted, however little the robot moved since the last one."""
+        """Return whether a scan must be inserted even if the robot hardly moved since the last keyframe."""
         ...

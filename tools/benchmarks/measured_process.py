@@ -93,7 +93,7 @@ def in_fresh_processes(
 
 
 def peak_memory_mb() -> float:
-    """Return the peak memory of this process [MB]; NaN if the system does not tell it."""
+    """Return the peak memory of this process [MB]; NaN if the system does not report it."""
     # On Linux getrusage may report the peak of the parent process.
     status = Path("/proc/self/status")
     if status.exists():

@@ -225,13 +225,13 @@ class Score:
     left_out: int
     """Number of relations or poses whose scans the perturbation removed."""
     ratio: float | None
-    """Ratio of the error to that of the unperturbed run, where both are scored; None if nowhere."""
+    """Ratio of the error to the error of the unperturbed run, over common scores; None if there are none."""
     verdict: str
     """ok, MISS, LOST or FAILED; a dash for the unperturbed run."""
 
 
 def benchmark_perturbations(args: argparse.Namespace) -> None:
-    """Run what the arguments ask for and print the tables."""
+    """Run the requested benchmarks and print the tables."""
     chosen = perturbations(args.without)
     for setting in args.without:
         config_with(setting)

@@ -95,7 +95,7 @@ _MAPS = ("map.npz", "map.yaml")
 
 
 def list_maps(paths: Iterable[Path]) -> list[Path]:
-    """Return maps; a folder without a map stands for the map folders in it: robot_0, robot_1, ..."""
+    """Return maps; a folder without a map is replaced by the map folders in it: robot_0, robot_1, ..."""
     return [
         found
         for path in paths

@@ -48,7 +48,7 @@ def _memory_limit() -> int | None:
 def escape_output() -> None:
     """Print names that are not text with their bytes escaped, and messages without control characters.
 
-    Python would fail on the former, and a terminal obey the latter.
+    Python would fail on such names, and a terminal would execute control characters.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -163,7 +163,7 @@ def say(line: str) -> None:
 
 
 def typed_command(program: str, arguments: Sequence[str] | None) -> str:
-    """Return the command line for a shell: that of a start from a shell if `arguments` is None, else of the call."""
+    """Return the command line for a shell: of the start from a shell if `arguments` is None, else of the call."""
     return shlex.join(sys.orig_argv if arguments is None else [*program.split(), *arguments])
 
 

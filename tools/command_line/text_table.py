@@ -106,7 +106,7 @@ def finish(
     tables: Mapping[str, ResultTable],
     figures: Mapping[str, object],
 ) -> None:
-    """Print the machine, and write the tables and all figures of a benchmark where `--table` and `--json` ask for."""
+    """Print the machine, and write the tables and figures of a benchmark to the files of `--table` and `--json`."""
     print(machine_line(machine))
     write_tables(args.table, machine, tables)
     if args.json:

@@ -21,7 +21,7 @@ _DRAW: dict[str, Callable[[np.random.Generator], FloorPlan]] = {
 }
 
 WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
-"""Names that `make_world` knows. New ones come last: a name's place is part of the seed."""
+"""Names of the worlds. New names are added at the end, because the position of a name is part of the seed."""
 
 _VARIETY = ("office", "halls", "store", "wings", "apartment", "open_plan")
 

@@ -76,8 +76,8 @@ def gather_hits(
 ) -> tuple[StretchHits, npt.NDArray[np.float32]]:
     """Return every n-th hit of each scan in the frame of the scan's stretch, sorted by scan.
 
-    The cosines of the normals stand for their directions, and the sines (W,) are returned too: NumPy computes many
-    angles in a twentieth of the time.
+    The directions of the normals are returned as cosines and, separately, sines (W,): NumPy computes many angles in a
+    twentieth of the time.
 
     A normal is known if the neighbours of a hit are near and on one line with it. At a door frame they lie on walls of
     different depth, and the apparent wall between them would move with the robot.

@@ -1,4 +1,4 @@
-"""Hits of a scan that match no surface, and those of them in space that an earlier scan saw free."""
+"""Hits of a scan that match no surface, and how many of them lie in space that an earlier scan saw free."""
 
 import math
 

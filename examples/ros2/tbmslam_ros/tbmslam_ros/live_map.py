@@ -22,7 +22,7 @@ def stamp_of(message: Any) -> float:
 
 
 def scan_of(message: Any) -> LaserScan:
-    """Return a sensor_msgs/LaserScan as tbmslam takes it: what is out of limits is no return."""
+    """Convert a sensor_msgs/LaserScan; ranges beyond the limits mean no return."""
     ranges = np.asarray(message.ranges, dtype=np.float64)
     ranges = np.where(ranges >= message.range_max, np.inf, ranges)
     ranges[~(ranges >= message.range_min)] = np.nan
