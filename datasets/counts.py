@@ -160,7 +160,7 @@ class ReadingCounts:
                 (self.beam_count_changes, "change of the beam count", "changes of the beam count"),
                 (self.extrapolated, "scan after the last odometry", "scans after the last odometry"),
                 (self.without_odometry, "scan without odometry", "scans without odometry"),
-                (self.clock_disagreements, "scan with a clock of its own", "scans with a clock of their own"),
+                (self.clock_disagreements, "scan with another clock", "scans with another clock"),
                 (self.doubtful_sweeps, "scan with doubtful times of beams", "scans with doubtful times of beams"),
             )
             if number

@@ -76,7 +76,8 @@ def refute_bridge(
         if confidence < config.graph.min_whole:
             before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
             reason = (
-                f"groups of {numbers} maps, which it joins, do not match as wholes ({confidence:.2f}): {before.reason}"
+                f"the groups of {numbers} maps that it joins do not match as wholes (confidence {confidence:.2f}): "
+                f"{before.reason}"
             )
             logger.info("%s in %s: refused: %s", *join.pair[::-1], reason)
             refuted = {pair: _refuted(found, pair, join, confidence, config) for pair, found in alignments.items()}

@@ -170,7 +170,7 @@ def _apart(motion: SE2, prior: SE2, source: WallMap) -> tuple[float, float]:
 
 def _refinement_text(pose: SE2, prior: SE2, source: WallMap, enough: bool) -> str:
     if not enough:
-        return "placed exactly at the given pose, as hardly any wall can refine it"
+        return "placed exactly at the given pose, because hardly any wall can refine it"
     moved_m, turned = _apart(pose, prior, source)
     return f"placed at the given pose, refined by {moved_m:.2f} m and {math.degrees(turned):.1f} degrees"
 

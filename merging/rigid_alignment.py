@@ -167,7 +167,7 @@ def _judged(
 def _mirrored(confidence: float) -> str:
     """Return the remark for a map that fits as its own mirror image."""
     return (
-        f"; mirrored it would fit, with confidence {format_confidence(confidence)}: "
+        f"; the mirror image of the source would fit with confidence {format_confidence(confidence)}: "
         "is one map's picture flipped, or was a laser mounted upside down?"
     )
 

@@ -235,7 +235,7 @@ def with_short_range_alignments(found: MergeState, config: MergeConfig, executor
     maps = {name: short_range_map(tbm_map, limit) for name, tbm_map in found.maps.items() if name in apart}
     again = align_all(maps, config, executor, pairs)
     better = {
-        pair: replace(alignment, reason=f"by what was seen within {limit:g} m: {alignment.reason}")
+        pair: replace(alignment, reason=f"with ranges up to {limit:g} m: {alignment.reason}")
         for pair, alignment in again.items()
         if alignment.confidence > found.alignments[pair].confidence
     }

@@ -1,9 +1,9 @@
 """The probability of each pose hypothesis of two maps: a conditional logit of their evidence.
 
 The reference is chance, estimated from decoys: the source's mirror image is registered to the target as well. It has
-the same walls, rooms and repetitions, but belongs nowhere except in symmetrical buildings. A true pose fits better than
-the best pose of the mirror image; a false one does not. This is the target-decoy search of J. Elias and S. Gygi, Nature
-Methods 4, 2007.
+the same walls, rooms and repetitions, but no true pose except in symmetrical buildings. A true pose fits better than
+the best pose of the mirror image; a false pose does not. This is the target-decoy search of J. Elias and S. Gygi,
+Nature Methods 4, 2007.
 """
 
 import json

@@ -140,9 +140,9 @@ _FLAT = 0.1
 class WallMap:
     """Walls and free space of a grid for the comparison with another map.
 
-    A map learns free space slower than walls (vinySLAM: m(free) = 0.23 after a hundred passages). Therefore a cell is
-    free or a wall by the larger of the two masses, whatever its size. Only the surface of a wall is kept: its cells
-    beside free space. The far side of a thick wall was not seen.
+    The mass of free space grows more slowly than the mass of walls (vinySLAM: m(free) = 0.23 after a hundred passages).
+    Therefore the larger of the two masses decides if a cell is free or a wall, whatever its size. Only the surface of a
+    wall is kept: its cells beside free space. The far side of a thick wall was not seen.
     """
 
     geometry: GridGeometry

@@ -1,4 +1,4 @@
-"""The back end: loop closures and bundle adjustment move the keyframes of a whole drive."""
+"""The back end: loop closures and bundle adjustment correct the keyframes of a whole drive."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -40,10 +40,10 @@ class BirkCarpinConfig(FrozenConfig):
 
     walkers: Count = Field(64, description="random walks")
     steps: Count = Field(300, description="steps of each walk")
-    memory: Count = Field(8, description="accepted steps from which a walk adapts its next ones")
-    daring: Share = Field(0.05, description="probability that a step for the worse is taken")
+    memory: Count = Field(8, description="number of accepted steps from which a walk adapts its next steps")
+    daring: Share = Field(0.05, description="probability that a worse step is accepted")
     sample: Count = Field(200, description="cells of each map and state that are compared in a step")
-    lock: float = Field(100.0, ge=0, description="cost of all cells disagreeing, or gain of all agreeing [cells]")
+    lock: float = Field(100.0, ge=0, description="cost if all cells disagree, or gain if all agree [cells]")
     max_index: Share = Field(0.06, description="largest accepted acceptance index, 1 - agr / (agr + dis)")
     seed: int = Field(0, description="seed of the walks")
 
@@ -51,7 +51,7 @@ class BirkCarpinConfig(FrozenConfig):
 class CarpinConfig(FrozenConfig):
     """Hough spectra."""
 
-    turns: Count = Field(6, description="rotations that the spectra offer")
+    turns: Count = Field(6, description="rotations that the spectra propose")
     peaks: Count = Field(6, description="peaks along x and along y for each rotation")
     penalty: float = Field(3.0, ge=0, description="cost of a disagreeing cell, in agreeing cells")
     max_index: Share = Field(0.045, description="largest accepted acceptance index")
@@ -72,7 +72,7 @@ class SaeediConfig(FrozenConfig):
     """Probabilistic generalised Voronoi diagrams."""
 
     min_apart_m: Metres = Field(0.5, description="least distance of two walls with a diagram cell between them [m]")
-    turns: Count = Field(6, description="rotations that the diagrams' Hough spectra offer")
+    turns: Count = Field(6, description="rotations that the Hough spectra of the diagrams propose")
     peaks: Count = Field(8, description="shifts for each rotation")
     cell_m: Metres = Field(0.2, description="cells of the correlation [m]")
     min_gain: Share = Field(0.94, description="least accepted share of the overlap whose entropy decreases")

@@ -1,9 +1,9 @@
 """Groups of maps that belong together, and the poses of the maps in them.
 
 Each aligned pair gives pose hypotheses: the pose of its alignment and its alternatives. Two maps, and then two groups,
-are joined at a relative pose if the evidence for it outweighs the evidence against it. The evidence is the pairs' own
-alignments, and paths over a third map that lead to the same pose. So other pairs outvote wrong alignments and decide
-ambiguous ones.
+are joined at a relative pose if the evidence for it outweighs the evidence against it. The evidence consists of the
+alignments of the pairs, and of paths over a third map that lead to the same pose. So other pairs outvote wrong
+alignments and decide ambiguous ones.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,7 +24,7 @@ class Group:
     """Maps that belong together."""
 
     poses: Mapping[str, SE2]
-    """T_group_map of every map in it; the group's frame is that of its first map."""
+    """T_group_map of every map in it; the frame of the group is the frame of its first map."""
     used: tuple[Pair, ...] = ()
     """The pairs whose alignment, or an alternative of it, agrees with these poses."""
     outvoted: tuple[Pair, ...] = ()
@@ -121,7 +121,7 @@ def _round_trip(cycle: tuple[Edge, Edge, Edge]) -> SE2:
 
 
 def _finished(poses: dict[str, SE2], edges: list[Edge], centroids: CentroidFrames, config: GraphConfig) -> Group:
-    """Optimise the poses of a group's centroids by all edges that agree with them, and return those of the maps."""
+    """Optimise the centroids of a group by all edges that agree with them, and return the poses of the maps."""
     names = list(poses)
     inside = [edge for edge in edges if edge.pair[0] in poses and edge.pair[1] in poses]
     agreeing = [

@@ -17,7 +17,7 @@ from merging.config.groups import GraphConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angle
 
 _ACCEPTED, _REFUSED = 0.9, 0.85
-"""Least confidence of an accepted alignment, and largest of a refused one or of an alternative."""
+"""Least confidence of an accepted alignment, and largest confidence of a refused alignment or an alternative."""
 
 
 class Edge(NamedTuple):
@@ -66,7 +66,7 @@ def support_of(probability: FloatArray, coincidence: float) -> FloatArray:
 def is_same_pose(motion: SE2, other: SE2, config: GraphConfig, known: Covariance | None = None) -> bool:
     """Return whether two motions are equal within the tolerances: at one point of the source, and in rotation.
 
-    The point is the one that the covariance knows best, or the origin of the source's frame without a covariance. The
+    The point is the best known point by the covariance, or the origin of the source's frame without a covariance. The
     origin may be far away, where a tenth of a degree is metres.
     """
     point = (0.0, 0.0) if known is None else known_best_at(known)

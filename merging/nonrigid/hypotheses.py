@@ -1,7 +1,7 @@
-"""Poses of a map that is deformed at each of them, and their evidence.
+"""Poses of a map that is deformed at each pose, and their evidence.
 
-Tiles are registered at many poses, which takes little time. Only where they support a pose best the map itself is
-deformed and compared, since that takes most of the time.
+Tiles are registered at many poses, which takes little time. The map itself is deformed and compared only at the best
+supported poses, because this takes most of the time.
 """
 
 from collections.abc import Sequence

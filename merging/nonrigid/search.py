@@ -1,18 +1,18 @@
 """Non-rigid registration of two maps: one of them is deformed at the best poses of the correlation.
 
 The correlation works on coarse cells and tolerates some tenths of a metre, so it finds deformed maps too; only the
-verification refuses them. A deformed map fits more poses than a rigid one. Therefore the deformed map must pass a new
-rigid alignment without an initial guess, and must stand out among rivals that were deformed as well: other poses of the
-map, and poses of its mirror image. Registered tiles leave some distance between corresponding walls. If one pose stands
-out clearly in the correlation, a second attempt tolerates larger distances. A deformed map often fits best at a pose
-that is not the correlation's first, so deformations start at several (`merging.nonrigid.hypotheses`).
+verification refuses them. A deformed map fits more poses than a rigid map. Therefore the deformed map must pass a new
+rigid alignment without an initial guess, and must fit better than deformed rivals: other poses of the map, and poses of
+its mirror image. Registered tiles leave some distance between corresponding walls. If one pose has a clear lead in the
+correlation, a second attempt tolerates larger distances. A deformed map often fits best at another pose than the first
+one of the correlation, so deformations start at several poses (`merging.nonrigid.hypotheses`).
 
-A rigid pose may be accepted although the maps are deformed, if most walls agree there. The other walls would be doubled
-in the merged map, and the pose would be that of one part of the overlap. Therefore a map is deformed at an accepted
-pose, too, and the deformed map is kept if it is much more likely than the rigid one.
+If most walls agree at a rigid pose, it may be accepted although the maps are deformed. The other walls would be doubled
+in the merged map, and the pose would fit only one part of the overlap. Therefore a map is also deformed at an accepted
+pose, and the deformed map is kept if it is much more likely than the rigid map.
 
-The new alignment takes most of the time. It is not tried if the deformed map can hardly pass it: if its evidence has
-too little confidence even without rivals, and with only few decoys, those of the refused rigid alignment.
+The new alignment takes most of the time. It is skipped if the deformed map can hardly pass it: if the confidence is too
+low even without rivals, and with only the few decoys of the refused rigid alignment.
 """
 
 import itertools

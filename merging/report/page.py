@@ -131,7 +131,7 @@ def _maps_table(merge: Merge) -> Table:
     rows += [(name, *format_pose(None), "–", f"left out: {reason}") for name, reason in merge.left_out.items()]
     marks = [f"rgb{colour}" for colour in colours_of(list(merge.poses)).values()]
     heads = ("map", "#x [m]", "#y [m]", "#θ [°]", "#confidence", "")
-    note = "Poses in the frame of the merged map. The confidence is that of the weakest alignment on the best path."
+    note = "Poses in the frame of the merged map. The confidence of the weakest alignment on the best path is shown."
     return Table("Maps", heads, rows, note, marks)
 
 

@@ -27,7 +27,7 @@ LEAST_ERROR = 0.005
 _LEAST_SCALE = 1e-6
 _ROUNDS = 10
 _SETTLED_M = 1e-6
-"""Change of the unknowns by which the rounds end [m]."""
+"""Change of the unknowns below which the rounds end [m]."""
 FREE = np.diag([1e-9, 1e-9, 1e-9, 1e-9, 1e-4])
 """Prior information of the unknowns: position, cosine and sine, and the lag."""
 

@@ -60,9 +60,9 @@ class LaserFitConfig(FrozenConfig):
     hits: int = Field(120, ge=10, description="least number of hits of a scan that are used, if it has as many")
     deviation: float = Field(0.03, gt=0, description="standard deviation of a hit from its wall [m]")
     notable_scale: float = Field(
-        0.002, gt=0, description="relative error of the angle step in the first round that asks for more rounds"
+        0.002, gt=0, description="relative error of the angle step from which more rounds are made"
     )
-    notable_offset: float = Field(0.02, gt=0, description="range offset that asks for more rounds [m]")
+    notable_offset: float = Field(0.02, gt=0, description="range offset from which more rounds are made [m]")
     rounds: int = Field(12, ge=1, description="largest number of rounds")
 
 

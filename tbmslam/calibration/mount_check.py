@@ -37,7 +37,7 @@ class MountCheckConfig(FrozenConfig):
     parts: int = Field(6, ge=2, description="parts of a drive from which the mount is estimated separately")
     motions: int = Field(8, ge=2, description="least number of motions of half a metre of each part")
     distance: float = Field(
-        0.15, gt=0, description="distance that causes a warning [m]; wheels that slip in turns look like 0.1"
+        0.15, gt=0, description="distance that causes a warning [m]; slip of the wheels in turns causes 0.1"
     )
     angle: float = Field(math.radians(5.0), gt=0, description="rotation that causes a warning [rad]")
     sure: float = Field(4.0, gt=0, description="standard deviations within which distance and angle must be known")

@@ -30,7 +30,7 @@ class MapAgreement:
     do not share cell borders have the same thin wall in different cells."""
     agree_occupied: float
     agree_free: float
-    """Share of the map's occupied (free) cells, of those known to both, that truly are; NaN if there are none."""
+    """Share of the map's occupied (free) cells that are truly so, among cells known to both; NaN if there are none."""
     found_occupied: float
     found_free: float
     """Share of the truly occupied (free) cells, of those known to both, that the map calls so; NaN if there are

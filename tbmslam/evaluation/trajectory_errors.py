@@ -211,7 +211,7 @@ def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_differen
     if after_lever <= after_offset:
         return (
             f"a point {lever[0]:+.3f} m ahead and {lever[1]:+.3f} m to the left of the robot fits the truth to "
-            f"{after_lever:.3f} m instead of {before:.3f} m: the truth may be that of the laser: pass --frame laser"
+            f"{after_lever:.3f} m instead of {before:.3f} m: the truth may be of the laser: pass --frame laser"
         )
     return (
         f"stamps {offset:+.2f} s later fit the truth to {after_offset:.3f} m instead of {before:.3f} m: the "

@@ -1,1 +1,1 @@
-"""One robot's map: keyframes, walls and drives."""
+"""The map of one robot: drives, keyframes and the rendered grid."""

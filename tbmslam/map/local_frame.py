@@ -1,7 +1,7 @@
 """A frame with its origin near the drive.
 
-Odometry may count from a point in another country, as in a grid of the whole earth. Surfaces are kept in single
-precision, which resolves only half a metre there; so drives are mapped in a frame with a near origin.
+The origin of the odometry may be very far away, for example in a grid of the whole earth. Surfels have single
+precision, which resolves only half a metre there. Therefore drives are mapped in a frame with a near origin.
 """
 
 from dataclasses import dataclass, field

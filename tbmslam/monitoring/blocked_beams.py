@@ -184,8 +184,8 @@ class BlockedBeams:
         return more
 
 
-_LATELY_S = 60.0  # beams that were blocked so lately are no news
-_TOGETHER_S = 5.0  # beams that become blocked within this time are one report
+_LATELY_S = 60.0  # beams that were blocked within this time are not reported again
+_TOGETHER_S = 5.0  # beams that become blocked within this time are reported together
 _BESIDE = 0.07  # [rad]
 
 
@@ -255,7 +255,7 @@ class LaserView:
 def _widened(blocked: BoolArray, angle_increment: float) -> BoolArray:
     """Return beams (B,) and their neighbours."""
     beams = len(blocked)
-    # No more than there are, however narrow the fan; a single beam has no step.
+    # At most the number of beams, also for a narrow field of view; a single beam has no step.
     beside = math.ceil(_BESIDE / max(abs(angle_increment), _BESIDE / beams))
     widened: BoolArray = np.convolve(blocked, np.ones(2 * beside + 1))[beside : beside + beams] > 0.5
     return widened

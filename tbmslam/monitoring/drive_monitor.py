@@ -1,4 +1,4 @@
-"""Checks a drive while it goes on: records incidents with their times, and removes blocked beams."""
+"""Checks of a drive during mapping: records incidents with their times, and removes blocked beams."""
 
 import logging
 import math
@@ -87,7 +87,7 @@ class DriveMonitor:
             self.whole_drive_warnings.add(subject)
 
     def reopen(self) -> None:
-        """Remove the warnings of the end of the drive, as the drive goes on or ends again."""
+        """Remove the warnings of the end of the drive, because the drive continues or ends again."""
         if self.whole_drive_warnings:
             self.incidents.reopen()
             self.whole_drive_warnings.clear()

@@ -41,7 +41,7 @@ class Incident(NamedTuple):
 
 
 def in_order(incidents: Iterable[Incident]) -> list[Incident]:
-    """Return incidents by time, after those of the whole drive."""
+    """Return incidents of the whole drive, then the others by time."""
     return sorted(incidents, key=lambda incident: (not incident.all_along, incident.stamp))
 
 
@@ -74,7 +74,7 @@ class Incidents:
         return self.number - 1
 
     def conclude(self, stamp: float, what: str, seconds: float, *, all_along: bool = False) -> None:
-        """Add an incident at the end of a drive, until the drive goes on (see `reopen`).
+        """Add an incident at the end of a drive, until the drive continues (see `reopen`).
 
         Incidents of the whole drive (`all_along`) are kept before all others.
         """
@@ -85,7 +85,7 @@ class Incidents:
         self._concluded.append(incident)
 
     def reopen(self) -> None:
-        """Remove the incidents of the end of the drive, as the drive goes on or ends again."""
+        """Remove the incidents of the end of the drive, because the drive continues or ends again."""
         for incident in self._concluded:
             self.number -= 1
             if incident in self._kept:

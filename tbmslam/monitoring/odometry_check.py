@@ -1,7 +1,7 @@
 """Checks that odometry and scans agree: wheels slip, counters jump, drivers freeze, and robots are carried.
 
 A tracker weights the information of the odometry by its agreement with the pose of the scan (`ScanMatch.trust`).
-Slipping wheels reduce that weight in single scans, which is normal. Long contradictions and contradictions after a
+It is normal that slip of the wheels reduces this weight in single scans. Long contradictions and contradictions after a
 pause are reported.
 """
 

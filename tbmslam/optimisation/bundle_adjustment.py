@@ -1,9 +1,9 @@
 """Bundle adjustment: the poses of a drive and the lines of all walls that it saw are optimised jointly.
 
 A tracker registers each scan to the map so far, and errors of millimetres accumulate along corridors without loops.
-Here every straight piece of wall is one line, which all segments of the drive that saw it must fit. The lines and poses
-that fit best are estimated together (Triggs et al., 2000), with lines as Liu and Zhang (BALM, 2021) and Zhou et al.
-(2021) use planes. Drives are divided into short rigid segments, since a tracker is accurate over a metre.
+Here every straight piece of wall is one line for all segments of the drive that saw it. Lines and poses are estimated
+jointly (Triggs et al., 2000). The lines replace the planes of Liu and Zhang (BALM, 2021) and Zhou et al. (2021). Drives
+are divided into short rigid segments, because a tracker is accurate over a metre.
 """
 
 import itertools
@@ -86,20 +86,10 @@ def adjust(
 ) -> FloatArray:
     """Return the poses (K, 3) that fit the sightings of each wall to one line.
 
-    Parameters
-    ----------
-    poses
-        Poses (K, 3) of the laser at the keyframes of all drives, one drive after the other; the first hardly moves.
-    chains
-        Trusted motions from each keyframe of a drive to the next.
-    closures
-        Motions between keyframes that saw the same place.
-    closure_width
-        Standard deviations from which a closure loses weight.
-    config
-        What a piece of wall is, and how well it is known.
-    others
-        Further trusted motions between keyframes.
+    `poses` (K, 3) are those of the laser at the keyframes of all drives, one drive after the other; the first hardly
+    moves. `chains` are the trusted motions from each keyframe of a drive to the next, and `others` further trusted
+    motions. `closures` are motions between keyframes that saw the same place; from `closure_width` standard deviations
+    on they lose weight.
     """
     stretches = RigidStretches(poses, [len(scans) for scans in drives], config)
     believed = EdgeArrays.joined([stretches.between(chains), EdgeArrays.of(others)])
@@ -145,7 +135,7 @@ class RigidStretches:
         self.places = compose(inverse(poses[self.middles][self.owners]), poses)
 
     def between(self, chains: Sequence[MotionChain]) -> EdgeArrays:
-        """Return the motions from the middle of each segment to that of the next one of its drive."""
+        """Return the motions from the middle of each segment to the middle of the next segment of its drive."""
         parts = []
         for number, ((first, _), chain) in enumerate(zip(self._drives(), chains, strict=True)):
             middles = self.middles[self.ends[number] : self.ends[number + 1]]
@@ -191,7 +181,7 @@ class RigidStretches:
 
 
 def _stacked(parts: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:
-    """Return the rows of all drives; those of a single drive are not copied."""
+    """Return the rows of all drives; rows of a single drive are not copied."""
     return parts[0] if len(parts) == 1 else np.vstack(parts)
 
 

@@ -40,21 +40,11 @@ def optimise(
 ) -> FloatArray:
     """Return the poses (M, 3) of some nodes that agree best with all edges; the first stays where it is.
 
-    Parameters
-    ----------
-    poses
-        Initial poses (N, 3): x [m], y [m], theta [rad].
-    chain
-        Trusted motions between nodes. Chain and closures together connect all nodes.
-    closures
-        Motions between nodes that saw the same place.
-    robust_width
-        Width of the Cauchy kernel [standard deviations], beyond which closures lose weight, so that a false one cannot
-        bend the map.
-    nodes
-        Rising indices (M,) of the poses to solve for; None for all.
-    precision
-        Relative decrease of the error below which the steps end.
+    `poses` (N, 3) are the initial ones: x [m], y [m], theta [rad]. `chain` has trusted motions between nodes, and
+    `closures` motions between nodes that saw the same place; together they connect all nodes. Closures beyond
+    `robust_width` standard deviations (Cauchy kernel) lose weight, so that a false closure cannot bend the map. `nodes`
+    (M,) are the rising indices of the poses to solve for; None for all. The steps end at a relative decrease of the
+    error below `precision`.
     """
     if nodes is None:
         nodes = np.arange(len(poses))

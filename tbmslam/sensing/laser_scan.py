@@ -125,7 +125,7 @@ class Reading:
             raise ValueError(
                 f"angle_increment must not be 0 with more than one beam, got 0 and {len(scan.ranges)} beams"
             )
-        # -inf, too, which some drivers write for what is too close.
+        # Also -inf, which some drivers write for objects that are too close.
         if any_negative(scan.ranges):
             raise ValueError(
                 f"ranges must not be negative, got {np.nanmin(scan.ranges)}: nan means unknown, inf means no return"
@@ -137,7 +137,7 @@ class Reading:
 
 
 def _check_pose(name: str, pose: SE2 | None) -> None:
-    # This way round, since nothing is true of not-a-number.
+    # Negated, because every comparison with NaN is false.
     if pose is not None and not abs(pose[0]) + abs(pose[1]) + abs(pose[2]) <= FARTHEST_PLACE:
         raise ValueError(f"{name} must be finite and within {FARTHEST_PLACE:.0e} m, got {pose}")
 

@@ -1,7 +1,7 @@
 """Registration of a scan to the scans before it, point by point.
 
-Sparse hits, as among trees, form no surfaces. Their points still agree best at the right motion (E. Olson, "Real-time
-correlative scan matching", ICRA 2009).
+Sparse hits, for example among trees, form no surfaces. Their points still agree best at the right motion (E. Olson,
+"Real-time correlative scan matching", ICRA 2009).
 """
 
 from functools import reduce

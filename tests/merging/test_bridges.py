@@ -95,7 +95,7 @@ def test_a_refuted_bridge_keeps_its_pose_and_has_a_reason(strangers):
     refusal = found["b", "c"]
     assert (refusal.accepted, refusal.T_target_source) == (False, before.T_target_source)
     assert refusal.confidence < CONFIG.graph.min_whole
-    assert refusal.reason.startswith("groups of 2 and 2 maps")
+    assert refusal.reason.startswith("the groups of 2 and 2 maps that it joins")
     assert refusal.reason.endswith(before.reason)
     assert fitting == set()
 

@@ -122,7 +122,7 @@ def test_what_is_wrong_only_far_off_is_found_by_what_is_near(halls):
     result = merge(halls, CONFIG)
     found = result.alignments["a", "b"]
     assert found.accepted
-    assert found.reason.startswith("by what was seen within 8.5 m: confidence ")
+    assert found.reason.startswith("with ranges up to 8.5 m: confidence ")
     # Exact to a centimetre where walls agree, from which the frame's origin is far.
     assert found.T_target_source == pytest.approx(T_WORLD_B, abs=0.04)
     # Optimised jointly, the drives follow distant hits as well, whose ranges are wrong by half.

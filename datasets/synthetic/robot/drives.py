@@ -200,19 +200,12 @@ def plan_drives(
     """Return the true drives of robots through a world, at 50 Hz from `START_STAMP` on.
 
     A short closed tour visits all places of the world. Each robot drives a section of it, and neighbouring sections
-    share the fraction `overlap`. Every second robot drives in the opposite direction, and each prefers other paths.
+    share the fraction `overlap`, in [0, 0.9]. Every second robot drives in the opposite direction, and each prefers
+    other paths.
 
-    Parameters
-    ----------
-    length, duration
-        Length [m] and duration [s] at which a drive ends, whichever comes first. With neither, the sections cover the
-        tour, and a single robot returns to its start.
-    overlap
-        Shared part of neighbouring sections, in [0, 0.9].
-    speed
-        Largest speed [m/s].
-    seed
-        Seed of the start of the tour and of all random choices.
+    A drive ends at a `length` [m] or a `duration` [s], whichever comes first. With neither, the sections cover the
+    tour, and a single robot returns to its start. `speed` is the largest speed [m/s]. `seed` determines the start of
+    the tour and all random choices.
     """
     _check(robots, length, duration, overlap, speed)
     clearance_map = ClearanceMap.of(world)

@@ -82,19 +82,10 @@ def gather_hits(
     A normal is known if the neighbours of a hit are near and on one line with it. At a door frame they lie on walls of
     different depth, and the apparent wall between them would move with the robot.
 
-    Parameters
-    ----------
-    points, normals
-        Hits and normals (P, 2) in the frames of the sensors.
-    offsets
-        First index of each scan, and the end of the last scan (K + 1,).
-    places
-        Poses (K, 3) of the sensors in the frames of the stretches.
-    every
-        The n of every n-th hit.
-    limits
-        Largest range of a hit, largest distance between its neighbours, and largest distance from the line between them
-        [m].
+    `points` and `normals` (P, 2) are in the frames of the sensors, and `places` (K, 3) are the poses of the sensors in
+    the frames of the stretches. `offsets` (K + 1,) are the first index of each scan, and the end of the last scan.
+    `every` is the n. `limits` are the largest range of a hit, the largest distance between its neighbours, and the
+    largest distance from the line between them [m].
     """
     size = 0
     for k in range(len(places)):
@@ -363,6 +354,6 @@ def _is_on(lines: FloatArray, number: int, x: float, y: float, way_x: float, way
     px, py, lx, ly, half = lines[number, 0], lines[number, 1], lines[number, 2], lines[number, 3], lines[number, 4]
     across, along = lx * (y - py) - ly * (x - px), lx * (x - px) + ly * (y - py)
     facing, length = ly * way_x - lx * way_y, way_x * way_x + way_y * way_y
-    # Without a branch: nobody can predict which test fails.
+    # Without a branch, which would often be mispredicted.
     is_there = (abs(across) <= reach) & (abs(along) <= half)
     return bool(is_there & (facing > 0.0) & (facing * facing > 4e-4 * length))

@@ -108,20 +108,10 @@ def count_scans(
 ) -> None:
     """Count each scan once in every cell that it touches: as a hit if one of its beams hit the cell, else as a passage.
 
-    Parameters
-    ----------
-    counts
-        (rows, cols); must contain all beams and a margin of one cell.
-    lasers
-        Positions of the laser (K, >= 2) [m].
-    ends
-        End points of the beams (N, 2) [m], in the order of their angles.
-    is_hit
-        Whether each beam (N,) is a hit.
-    offsets
-        First index of each scan in `ends`, and the end of the last scan (K + 1,).
-    before
-        Number of scans counted before; scans have numbers from 1 to `MOST_SCANS`.
+    `counts` (rows, cols) must contain all beams and a margin of one cell. `lasers` (K, >= 2) are the positions of the
+    laser [m], `ends` (N, 2) the end points of the beams in the order of their angles [m], and `is_hit` (N,) states
+    which are hits. `offsets` (K + 1,) are the first index of each scan in `ends`, and the end of the last scan.
+    `before` scans were counted before; scans have numbers from 1 to `MOST_SCANS`.
     """
     resolution, first_row, first_col = lattice
     width = counts.shape[1]
@@ -259,19 +249,11 @@ def write_masses(
     keeps_conflict: bool,
     masses: npt.NDArray[np.float32],
 ) -> None:
-    """Write the masses for counts: conflict, free, occupied, unknown.
+    """Write the masses (rows, cols, 4) for counts (rows, cols): conflict, free, occupied, unknown.
 
-    Parameters
-    ----------
-    counts
-        (rows, cols).
-    hit_decay, miss_decay
-        Powers (H, 2), (M, 2) of q(UNKNOWN) / q(FREE) and q(UNKNOWN) / q(OCCUPIED) of one hit and of one passage, for
-        every exponent from 0 to the largest count; see `tbmslam.belief.evidence_grid`.
-    keeps_conflict
-        Whether to combine conjunctively (eq. 5) instead of by Dempster's rule.
-    masses
-        (rows, cols, 4).
+    `hit_decay` (H, 2) and `miss_decay` (M, 2) are powers of q(UNKNOWN) / q(FREE) and q(UNKNOWN) / q(OCCUPIED) of one
+    hit and of one passage, for every exponent from 0 to the largest count; see `tbmslam.belief.evidence_grid`. With
+    `keeps_conflict` evidence is combined conjunctively (eq. 5), else by Dempster's rule.
     """
     rows, cols = counts.shape
     for row in range(rows):

@@ -161,20 +161,10 @@ def place_hits(
 ) -> tuple[FloatArray, FloatArray]:
     """Return hits of chosen scans and their normals, (M, 2) each, in the frame of one sensor.
 
-    Parameters
-    ----------
-    points, normals
-        Hits (P, 2) of all scans in the sensor's frame, and the normals of the surfaces.
-    offsets
-        First index of each scan, and the end of the last scan (K + 1,).
-    chosen
-        Indices of the scans.
-    poses
-        Poses (K, 3) of the sensor.
-    frame
-        Index of the scan whose frame is used for the result.
-    at_least
-        Only every n-th hit is returned, with the largest n that leaves at least this many.
+    `points` and `normals` (P, 2) are those of all scans in the sensor's frame, and `offsets` (K + 1,) the first index
+    of each scan and the end of the last scan. `poses` (K, 3) are those of the sensor, and `frame` is the index of the
+    scan whose frame is used for the result. Only every n-th hit is returned, with the largest n that leaves `at_least`
+    hits.
     """
     total = 0
     for k in chosen:

@@ -14,20 +14,9 @@ def cast_rays(
     """Write the distance to the nearest wall along every beam of every scan; `inf` if no wall lies within `limit`.
 
     As in a depth buffer, each segment is only compared with the interval of beams that it covers. The beams must span
-    at most one full turn.
-
-    Parameters
-    ----------
-    walls
-        Segments (N, 4): x0, y0, x1, y1 [m] in the world.
-    sensors
-        Poses (S, 3) of the laser in the world.
-    angle_min, angle_increment
-        Direction of the first beam and step between beams [rad]; the step may be negative.
-    limit
-        Largest range [m].
-    ranges
-        Output (S, B) [m].
+    at most one full turn. `walls` (N, 4) are segments x0, y0, x1, y1 [m] in the world, and `sensors` (S, 3) the poses
+    of the laser. `angle_min` is the direction of the first beam and `angle_increment` the step between beams, which may
+    be negative [rad]. `ranges` (S, B) receives the result [m].
     """
     beams = ranges.shape[1]
     cosines, sines = np.empty(beams), np.empty(beams)

@@ -113,22 +113,9 @@ def correlate(
 ) -> Sums:
     """Return the sum of the field at points (N, 2) for every turn and every shift by whole cells.
 
-    The field is zero outside its cells.
-
-    Parameters
-    ----------
-    field
-        Values (rows, cols) of the cells.
-    guess
-        Initial pose of the points' frame.
-    turns
-        Turns (K,) relative to the guess [rad].
-    reach
-        Largest shift along an axis [cells].
-
-    Returns
-    -------
-    Sums (K, 2 reach + 1, 2 reach + 1); the second axis shifts rows and the third columns, from -reach to reach.
+    The field (rows, cols) is zero outside its cells. `guess` is the initial pose of the points' frame, `turns` (K,) are
+    relative to it [rad], and `reach` is the largest shift along an axis [cells]. The second axis of the sums (K, 2
+    reach + 1, 2 reach + 1) shifts rows and the third columns, from -reach to reach.
     """
     resolution, first_row, first_col = lattice
     rows, cols = field.shape

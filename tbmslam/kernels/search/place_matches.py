@@ -14,20 +14,10 @@ def common_weight(
     """Return the weight of the largest set of matches that preserve the distances between places.
 
     It is the largest eigenvalue of the matrix of pairwise consistent matches (Leordeanu and Hebert 2005, section 2), by
-    `_ROUNDS` power iterations.
-
-    Parameters
-    ----------
-    places, others
-        Places (P, 2) of one map and (Q, 2) of another [m].
-    matched
-        Index (P,) of the match of each place among the others.
-    weights
-        Probability (P,) that each match is right.
-    tolerance
-        Largest difference between consistent distances [m].
-    nearest
-        Least distance between two places; nearer places look alike and carry no information [m].
+    `_ROUNDS` power iterations. Each of the `places` (P, 2) matches the place `matched` (P,) among the `others` (Q, 2)
+    of another map [m], and `weights` (P,) are the probabilities that the matches are right. `tolerance` is the largest
+    difference between consistent distances [m]. Places within `nearest` of each other are similar and carry no
+    information [m].
     """
     count = len(places)
     agreeing = np.zeros((count, count))

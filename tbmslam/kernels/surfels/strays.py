@@ -28,20 +28,10 @@ def count_strays(
 ) -> tuple[float, float]:
     """Return the number of independent hits of a scan that match no surfel, and how many of them lie in free space.
 
-    Parameters
-    ----------
-    surfels
-        The fields of a `Surfels`.
-    points, normals
-        Hits (N, 2) [m] in the order of the beams, and the normals (N, 2) of the surfaces, in the scan's frame.
-    pose
-        Pose of the scan in the map's frame.
-    span
-        Length of surface within which hits count as one [m].
-    tolerance
-        Distance from a surfel at which a hit counts half [standard deviations].
-    view
-        The earlier scan, whose beams passed through free space.
+    `surfels` are the fields of a `Surfels`. The hits (N, 2) [m], in the order of the beams, and the normals (N, 2) of
+    the surfaces are in the scan's frame, whose pose in the map is `pose`. Hits within a length `span` of surface count
+    as one [m]. At the distance `tolerance` from a surfel a hit counts half [standard deviations]. The beams of the
+    earlier scan `view` passed through free space.
     """
     tiles, _, fits, (resolution, first_row, first_col), _ = surfels
     rows, cols, inverse = float(tiles.shape[1] * SIDE), float(tiles.shape[2] * SIDE), 1.0 / resolution

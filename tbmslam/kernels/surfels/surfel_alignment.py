@@ -166,23 +166,12 @@ def place_scan(
 ) -> tuple[Placed, int]:
     """Register a scan as `align` does, and return the result and the number of its hits.
 
-    Parameters
-    ----------
-    surfels
-        The fields of a `Surfels` as a plain tuple, which is passed in a quarter of the time.
-    ranges, beams
-        Ranges (N,), direction of the first beam, step between beams [rad], motion from beam to beam, and the largest
-        range of a hit [m].
-    start, mean, deviations
-        Initial pose and prior pose of the robot, and the prior's deviations along, across and in heading.
-    mount
-        Pose of the laser on the robot.
-    search
-        As for `align`; only every n-th hit is used, so that about `search[4]` are used.
-    hits
-        (2, N, 2); receives the hits [m] and their normals in the scan's frame.
-    hessian
-        As for `align`.
+    `surfels` are the fields of a `Surfels` as a plain tuple, which is passed in a quarter of the time. `beams` are the
+    direction of the first beam, the step between beams [rad], the motion from beam to beam, and the largest range of a
+    hit [m]. `start` and `mean` are the initial and the prior pose of the robot, `deviations` the prior's deviations
+    along, across and in heading, and `mount` is the pose of the laser on the robot. `search` and `hessian` are as for
+    `align`; only every n-th hit is used, so that about `search[4]` are used. `hits` (2, N, 2) receives the hits [m] and
+    their normals in the scan's frame.
     """
     angle_min, angle_increment, beam_step, max_range = beams
     count = write_hits(ranges, angle_min, angle_increment, beam_step, max_range, hits[0], hits[1])

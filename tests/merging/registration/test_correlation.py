@@ -120,7 +120,7 @@ def test_a_map_that_fits_mirrored_is_refused_and_told(rooms):
     flipped = TbmMap(TbmGrid(part.geometry, np.ascontiguousarray(part.masses[:, ::-1])))
     for alignment in (align(TbmMap(rooms(3)), flipped), align(flipped, TbmMap(rooms(3)))):
         assert not alignment.accepted
-        assert "; mirrored it would fit, with confidence " in alignment.reason
+        assert "; the mirror image of the source would fit with confidence " in alignment.reason
         assert alignment.reason.endswith("is one map's picture flipped, or was a laser mounted upside down?")
     assert "mirrored" not in align(TbmMap(rooms(1)), TbmMap(rooms(2))).reason
     assert "mirrored" not in align(TbmMap(rooms(3)), TbmMap(part)).reason

@@ -225,7 +225,7 @@ def test_a_truth_of_the_laser_is_named(estimate):
     assert said is not None
     assert said.startswith("a point +0.26")
     assert "m ahead and -0.0" in said
-    assert said.endswith("the truth may be that of the laser: pass --frame laser")
+    assert said.endswith("the truth may be of the laser: pass --frame laser")
 
 
 @pytest.mark.parametrize("seconds", [-2.0, 0.6, 3.0])
