@@ -12,13 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ValidationError
 
 from merging.config.groups import JointConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.evaluation.trajectory_errors import fit_rigid
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse
 from tbmslam.loop_closure.open_direction import without_open_direction
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.map.drive import Drive, with_keyframes_at
@@ -88,7 +87,7 @@ class Track:
 
 def find_closures(
     tracks: Sequence[Track],
-    starts: npt.NDArray[np.int64],
+    starts: IntArray,
     poses: FloatArray,
     shift: float,
     config: JointConfig,
@@ -192,7 +191,7 @@ class JointRefinement:
     """The rigid T_merged_map of every map that is nearest to the motion of its keyframes."""
     closures: int
     """The number of loop closures between different robots."""
-    links: npt.NDArray[np.int64]
+    links: IntArray
     """These closures (C, 4): a drive of the merged map and its keyframe, and another robot's drive and keyframe."""
     moved_m: float
     """RMS distance between the keyframes and their poses by the rigid alignment [m]."""
@@ -240,7 +239,7 @@ def refine_jointly(
     return JointRefinement(corrected, rigid_poses, len(closures), _links(closures, starts), moved_m)
 
 
-def _links(closures: list[MotionEdge], starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _links(closures: list[MotionEdge], starts: IntArray) -> IntArray:
     """Return the drives and keyframes of closures (C, 4)."""
     ends = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
     drives = np.searchsorted(starts, ends, side="right") - 1
@@ -263,7 +262,7 @@ def _reach_all(owners: list[str], closures: list[MotionEdge]) -> bool:
 
 
 def _corrected(
-    name: str, tbm_map: TbmMap, tracks: list[Track], starts: npt.NDArray[np.int64], poses: FloatArray, T_merged_map: SE2
+    name: str, tbm_map: TbmMap, tracks: list[Track], starts: IntArray, poses: FloatArray, T_merged_map: SE2
 ) -> TbmMap:
     """Return a map with its corrected drives and a newly rendered grid."""
     drives = []

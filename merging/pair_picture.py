@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from merging.config import MergeConfig
 from merging.config.registration import VerificationConfig
@@ -103,7 +102,7 @@ def _is_known(structure: WallMap, points: FloatArray) -> BoolArray:
 
 def _compared(
     moving: WallMap, fixed: WallMap, T_fixed_moving: SE2, config: VerificationConfig
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+) -> tuple[BoolArray, BoolArray]:
     """Return which walls (N,) agree with the other map, and which contradict it; see `compare_walls`."""
     if not len(fixed.points) or not len(moving.points):
         nothing = np.zeros(len(moving.points), dtype=bool)

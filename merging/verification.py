@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from merging.config.registration import VerificationConfig
 from merging.walls import WallMap
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray
 from tbmslam.kernels.grids.walls import (
     AGREED,
     AGREES,
@@ -38,8 +37,8 @@ from tbmslam.kernels.grids.walls import (
 )
 from tbmslam.kernels.search.connected_cells import components_of
 
-Cells = npt.NDArray[np.int64]
-_Chosen = tuple[Walls, npt.NDArray[np.int64], float]
+Cells = IntArray
+_Chosen = tuple[Walls, IntArray, float]
 """Walls, the indices of those that are compared, and the length that each of them represents [m]."""
 
 _BLOCK_M = 1.0
@@ -235,7 +234,7 @@ def _counts(moving: WallMap, fixed: WallMap, motion: SE2, limits: Limits) -> Flo
     return np.array([part.sum() for part in (*shares, *whole)])
 
 
-def _blocks(points: FloatArray) -> npt.NDArray[np.int64]:
+def _blocks(points: FloatArray) -> IntArray:
     """Return the number of the block that each point (N, 2) lies in."""
     cells = np.floor((points - points.min(axis=0)) / _BLOCK_M).astype(np.int64)
     return np.asarray(cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1])

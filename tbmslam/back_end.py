@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from tbmslam.configuration.slam_config import SlamConfig
-from tbmslam.geometry.se2 import FloatArray
+from tbmslam.geometry.se2 import FloatArray, IntArray
 from tbmslam.loop_closure.loop_closer import LoopCloser
 from tbmslam.map.drive import DriveMotions
 from tbmslam.map.keyframes import Keyframes
@@ -31,7 +30,7 @@ class OptimisedDrive(NamedTuple):
     closures: list[MotionEdge]
     hits: ScanHits
 
-    def closed_pairs(self) -> npt.NDArray[np.int64]:
+    def closed_pairs(self) -> IntArray:
         """Return the keyframes (C, 2) between which loops were closed."""
         return np.array([(edge.source, edge.target) for edge in self.closures], dtype=np.int64).reshape(-1, 2)
 

@@ -8,7 +8,6 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import optimize
 from scipy.stats import binomtest
 
@@ -21,7 +20,7 @@ from merging.rigid_alignment import prepared
 from merging.scoring import MEASURES, SIGNS, ConfidenceModel, by_chance, features, find_decoys, measured
 from merging.verification import Evidence
 from merging.walls import WallMap, without_walls
-from tbmslam.geometry.se2 import FloatArray
+from tbmslam.geometry.se2 import BoolArray, FloatArray
 from tbmslam.io.pictures import encode_png
 from tbmslam.parallel.executor import Call, Executor
 from tools.command_line.text_table import text_table
@@ -120,8 +119,6 @@ def _pixel(x: float, y: float) -> tuple[int, int]:
 def _write(picture: np.ndarray, text: str, at: tuple[int, int]) -> None:
     cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, _BLACK, 1, cv2.LINE_AA)
 
-
-BoolArray = npt.NDArray[np.bool_]
 
 _PENALTY = 0.001
 """Penalty on the squared weights of standardised features, per pair."""

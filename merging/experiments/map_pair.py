@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from merging.fusion import fuse, warp
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.belief.masses import UNKNOWN, VACUOUS
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -27,9 +26,7 @@ class MapPair:
         """The names of both maps."""
         return f"{self.target_name} - {self.source_name}"
 
-    def is_right(
-        self, target_points: FloatArray, source_points: FloatArray, tolerance_m: float
-    ) -> npt.NDArray[np.bool_]:
+    def is_right(self, target_points: FloatArray, source_points: FloatArray, tolerance_m: float) -> BoolArray:
         """Return which matches (M,) of points (M, 2) [m] are right, within a tolerance [m]."""
         apart = self.T_target_source.apply(source_points.reshape(-1, 2)) - target_points.reshape(-1, 2)
         return np.asarray(np.hypot(*apart.T) <= tolerance_m)

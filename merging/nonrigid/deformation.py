@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from merging.config import MergeConfig
 from merging.registration.correlation import refine_all
@@ -18,7 +17,7 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import Masses
 from tbmslam.belief.tiled_masses import SIDE, TiledMasses, vacuous_masses
 from tbmslam.evaluation.trajectory_errors import fit_rigid
-from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, wrap_angle
 
 _STEP = 8
 """The inverse of a deformation is computed at every eighth cell and interpolated linearly between them."""
@@ -157,9 +156,7 @@ class Deformation:
             masses.put_rows(first, _read(grid, *self._cells_of(band, T_source_target, grid.geometry)))
         return TbmGrid(geometry, masses)
 
-    def _cells_of(
-        self, wanted: GridGeometry, T_source_target: SE2, source: GridGeometry
-    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def _cells_of(self, wanted: GridGeometry, T_source_target: SE2, source: GridGeometry) -> tuple[IntArray, IntArray]:
         """Return the row and the column in the source (rows, cols each) of each wanted cell."""
         rows, cols = (np.arange(0, size + _STEP, _STEP) for size in (wanted.rows, wanted.cols))
         centres = wanted.centres_of(*(index.ravel() for index in np.meshgrid(rows, cols, indexing="ij")))
@@ -185,7 +182,7 @@ class Deformation:
         return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _read(grid: TbmGrid, rows: npt.NDArray[np.int64], cols: npt.NDArray[np.int64]) -> Masses:
+def _read(grid: TbmGrid, rows: IntArray, cols: IntArray) -> Masses:
     """Return the masses (rows, cols, 4) of cells of a grid; cells outside the grid are unknown."""
     inside = (rows >= 0) & (rows < grid.geometry.rows) & (cols >= 0) & (cols < grid.geometry.cols)
     masses = vacuous_masses(*inside.shape)

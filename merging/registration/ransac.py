@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from merging.config.registration import ConsensusConfig
 from merging.registration.features import Matches
 from tbmslam.evaluation.trajectory_errors import fit_rigid
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -17,7 +16,7 @@ class Consensus:
 
     T_target_source: SE2
     """The rigid motion with the least squared distance over the inliers."""
-    inliers: npt.NDArray[np.bool_]
+    inliers: BoolArray
     """Whether each match (M,) is an inlier."""
     rmse_m: float
     """Root mean square distance of the inliers after the motion [m]."""
@@ -51,7 +50,7 @@ def find_consensus(matches: Matches, config: ConsensusConfig) -> Consensus | Non
     return rigid
 
 
-def _pairs(matches: Matches, config: ConsensusConfig) -> npt.NDArray[np.int64]:
+def _pairs(matches: Matches, config: ConsensusConfig) -> IntArray:
     """Return pairs (K, 2) of matches that lie far enough apart in both maps."""
     count = len(matches)
     first, second = np.triu_indices(count, k=1)
@@ -66,9 +65,7 @@ def _pairs(matches: Matches, config: ConsensusConfig) -> npt.NDArray[np.int64]:
     return np.asarray(np.column_stack((first, second))[apart >= config.min_baseline_m])
 
 
-def _best(
-    matches: Matches, pairs: npt.NDArray[np.int64], config: ConsensusConfig, *, stretching: bool
-) -> Consensus | None:
+def _best(matches: Matches, pairs: IntArray, config: ConsensusConfig, *, stretching: bool) -> Consensus | None:
     """Return the consensus of the pair whose proposal fits all matches best."""
     target = matches.target_points @ [1.0, 1.0j]  # a motion of the plane is a product and a sum of complex numbers
     source = matches.source_points @ [1.0, 1.0j]
@@ -94,7 +91,7 @@ def _best(
     return _refined(matches, inliers, config) if not stretching else _measured(matches, inliers)
 
 
-def _refined(matches: Matches, inliers: npt.NDArray[np.bool_], config: ConsensusConfig) -> Consensus:
+def _refined(matches: Matches, inliers: BoolArray, config: ConsensusConfig) -> Consensus:
     """Fit all inliers instead of two, and let the fit choose its inliers anew until it stays as it is."""
     for _ in range(10):
         motion, _ = fit_rigid(matches.target_points[inliers], matches.source_points[inliers])
@@ -105,7 +102,7 @@ def _refined(matches: Matches, inliers: npt.NDArray[np.bool_], config: Consensus
     return _measured(matches, inliers)
 
 
-def _measured(matches: Matches, inliers: npt.NDArray[np.bool_]) -> Consensus:
+def _measured(matches: Matches, inliers: BoolArray) -> Consensus:
     motion, scale = fit_rigid(matches.target_points[inliers], matches.source_points[inliers])
     rmse_m = float(np.sqrt(np.mean(_distances(matches, motion)[inliers] ** 2)))
     return Consensus(motion, inliers, rmse_m, scale)

@@ -14,9 +14,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.geometry.se2 import FloatArray, compose, inverse
+from tbmslam.geometry.se2 import FloatArray, IntArray, compose, inverse
 from tbmslam.geometry.trajectory import drive_speeds, turn_rates
 
 _LENGTH, _TURN = 0.5, 0.3
@@ -46,7 +45,7 @@ class SensorPlace(NamedTuple):
 class Motions(NamedTuple):
     """Motions between two poses each, with M rotations and linear equations."""
 
-    ends: npt.NDArray[np.int64]
+    ends: IntArray
     """Indices of the first and the last pose of each motion (2, M)."""
     slopes: FloatArray
     """Coefficients (M, 2, 5) of the laser's x, y, of the cosine and sine of its rotation, and of the lag."""
@@ -100,7 +99,7 @@ def motions_of(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) ->
     return Motions(ends[:, usable], slopes[usable], sides[usable], turns[usable])
 
 
-def _ends(sensors: FloatArray) -> npt.NDArray[np.int64]:
+def _ends(sensors: FloatArray) -> IntArray:
     """Return the first and the last pose of each motion (2, M)."""
     ends, first, poses = [], 0, sensors.tolist()
     x, y, heading = poses[0] if poses else (0.0, 0.0, 0.0)

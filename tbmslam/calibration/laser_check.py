@@ -11,12 +11,11 @@ from itertools import pairwise
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.calibration.hand_eye import deviations_of_parts
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import FloatArray, path_lengths, wrap_angles
+from tbmslam.geometry.se2 import FloatArray, IntArray, path_lengths, wrap_angles
 from tbmslam.geometry.trajectory import turn_rates
 from tbmslam.kernels.adjustment.line_adjustment import line_equations
 from tbmslam.kernels.adjustment.pose_systems import MotionSystem, PoseSystem, times
@@ -198,12 +197,12 @@ def fit_laser(
     return LaserErrors(scale, scale_deviation, offset, offset_deviation)
 
 
-def _summed(values: FloatArray, owners: npt.NDArray[np.int64], count: int) -> FloatArray:
+def _summed(values: FloatArray, owners: IntArray, count: int) -> FloatArray:
     """Return the sums (count, 3) of the values (O, 3) of each owner (O,)."""
     return np.column_stack([np.bincount(owners, column, count) for column in values.T])
 
 
-def _hits_of(hits: ScanHits, scans: npt.NDArray[np.int64]) -> ScanHits:
+def _hits_of(hits: ScanHits, scans: IntArray) -> ScanHits:
     """Return the hits of some scans."""
     own = np.concatenate([np.arange(*hits.offsets[k : k + 2]) for k in scans])
     offsets = np.concatenate(([0], np.cumsum(np.diff(hits.offsets)[scans])))
@@ -225,7 +224,7 @@ def _settled(parts: Sequence[PartFit], config: LaserFitConfig) -> FloatArray | N
     return None
 
 
-def _parts(poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig) -> list[npt.NDArray[np.int64]]:
+def _parts(poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig) -> list[IntArray]:
     """Return the scans of each part: one scan of each short segment, since scans within a segment are alike."""
     travelled = path_lengths(poses)
     count = min(int(travelled[-1] / config.shortest), config.most_parts)

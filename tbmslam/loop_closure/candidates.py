@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.geometry.se2 import FloatArray, adjoints, inverse
+from tbmslam.geometry.se2 import FloatArray, IntArray, adjoints, inverse
 from tbmslam.kernels.search.path_lengths import nearest_stretches, shortest_paths
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
 from tbmslam.map.scan_hits import DriveHits
@@ -80,9 +79,7 @@ class ChainDrift:
         self._sums = np.zeros((len(poses), 3, 3))
         np.cumsum(carried, axis=0, out=self._sums[1:])
 
-    def deviations(
-        self, sources: npt.NDArray[np.int64], targets: npt.NDArray[np.int64]
-    ) -> tuple[FloatArray, FloatArray]:
+    def deviations(self, sources: IntArray, targets: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the deviations of position (N,) [m], along its worst direction, and heading (N,) [rad].
 
         They describe targets as seen from sources, by the motions between them only (first order; Sola et al., eq. 54).
@@ -110,7 +107,7 @@ _SUBMAPS_KEPT = 500
 class NearTargets(NamedTuple):
     """Targets near a keyframe, the nearest first."""
 
-    targets: npt.NDArray[np.int64]
+    targets: IntArray
     """Their numbers (T,)."""
     distances: FloatArray
     """Distances of the keyframe from their paths (T,) [m]."""
@@ -176,7 +173,7 @@ class ClosingTargets:
         """Return the length of the shortest path (T,) from a keyframe to each target, over all registrations [m]."""
         return self._graph.paths_from(self._travelled[keyframe])
 
-    def anchors(self, keyframe: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def anchors(self, keyframe: int) -> tuple[IntArray, IntArray]:
         """Return the middle keyframes (T,) of targets of earlier visits, and those (T,) last registered to them.
 
         Without a registration it is the middle one.

@@ -3,9 +3,8 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray
 from tbmslam.kernels.search.place_signatures import FACINGS, pair_signature, spread_points
 from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
 from tbmslam.map.scan_hits import DriveHits
@@ -48,7 +47,7 @@ class PlaceIndex:
         self._signatures[self._count] = signature
         self._count += 1
 
-    def likeliest(self, signature: FloatArray, log_prior: FloatArray, count: int) -> npt.NDArray[np.int64]:
+    def likeliest(self, signature: FloatArray, log_prior: FloatArray, count: int) -> IntArray:
         """Return up to `count` most likely places of a signature, the likeliest first.
 
         `log_prior` (P,) is the log-probability of the first places without the signature; -inf excludes a place.
@@ -137,5 +136,5 @@ class FarSearch:
     def _hits_of(self, target: int) -> Hits:
         """Return hits of some keyframes of a target."""
         first, last = self._targets.stretch(target)
-        chosen: npt.NDArray[np.int64] = np.arange(first, last + 1, max((last - first) // 16, 1))
+        chosen: IntArray = np.arange(first, last + 1, max((last - first) // 16, 1))
         return self._hits.placed(chosen, (first + last) // 2, 3000)

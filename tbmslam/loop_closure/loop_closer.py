@@ -14,11 +14,10 @@ from itertools import compress
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray, compose
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose
 from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
 from tbmslam.loop_closure.drift_test import DriftTest
 from tbmslam.loop_closure.far_search import FarSearch
@@ -216,7 +215,7 @@ class _Drive:
         error = found.pose.to(relative_pose(self.poses, found.anchor, found.keyframe))
         return math.hypot(error.x, error.y) > self.config.surprise
 
-    def _stops(self) -> npt.NDArray[np.int64]:
+    def _stops(self) -> IntArray:
         """Return the keyframes that are searched for."""
         _, first = np.unique((self._hits.travelled / self.config.step).astype(np.int64), return_index=True)
         return np.asarray(first, dtype=np.int64)

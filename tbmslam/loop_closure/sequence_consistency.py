@@ -9,11 +9,10 @@ G. Wyeth, ICRA 2012: places are recognised by sequences.)
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, wrap_angles
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray, IntArray, compose, inverse, wrap_angles
 
 
 class ClosureVotesConfig(FrozenConfig):
@@ -116,7 +115,7 @@ class ClosureVotes:
         """Forget all votes."""
         self._votes = []
 
-    def _agreement(self, poses: FloatArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    def _agreement(self, poses: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return which votes (V, V) agree, and which contradict, about the robot's pose at the last keyframe."""
         here = compose(self._corrections(poses), poses[self._votes[-1].keyframe][None])
         away = np.hypot(*(here[:, None, :2] - here[None, :, :2]).transpose(2, 0, 1))
@@ -131,7 +130,7 @@ class ClosureVotes:
         return compose(placed, inverse(poses[stops]))
 
 
-def _sum_of_best(weights: FloatArray, stops: npt.NDArray[np.int64]) -> float:
+def _sum_of_best(weights: FloatArray, stops: IntArray) -> float:
     """Return the sum of the largest weight of each keyframe, so that none votes twice."""
     _, at = np.unique(stops, return_inverse=True)
     largest = np.zeros(at.max(initial=-1) + 1)

@@ -4,11 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, path_lengths
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse, path_lengths
 from tbmslam.kernels.rays.counting import count_scans
 from tbmslam.kernels.rays.lattice import Lattice, PlainLattice
 from tbmslam.kernels.search.correlation import (
@@ -158,7 +157,7 @@ class Submap:
 
 
 def _search_field(
-    lasers: FloatArray, ends: FloatArray, begins: npt.NDArray[np.int64], config: SubmapConfig
+    lasers: FloatArray, ends: FloatArray, begins: IntArray, config: SubmapConfig
 ) -> tuple[GainField, Lattice]:
     """Return the gain of a hit in each cell, and the lattice, from the ends (N, 2) of scans of lasers (K, 3)."""
     spans = zip(extent(lasers), extent(ends), strict=True)

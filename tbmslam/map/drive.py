@@ -3,9 +3,8 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, interpolate, inverse
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, interpolate, inverse
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.keyframes import Keyframes
 
@@ -59,7 +58,7 @@ class Drive:
     keyframes: Keyframes
     """Scans at poses of the trajectory, from which the grid can be rendered again. The trajectory may be unknown, with
     no poses at all."""
-    closures: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    closures: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     """Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one."""
     motions: DriveMotions | None = None
     """Measured motions between keyframes; None if only the poses are known."""
@@ -90,7 +89,7 @@ class Drive:
         )
 
 
-def spread_corrections(poses: FloatArray, anchors: npt.NDArray[np.int64], anchor_poses: FloatArray) -> FloatArray:
+def spread_corrections(poses: FloatArray, anchors: IntArray, anchor_poses: FloatArray) -> FloatArray:
     """Return the poses (N, 3) of a drive after those at rising indices `anchors` (K,) moved to `anchor_poses` (K, 3).
 
     Poses between two anchors follow both.

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
@@ -15,7 +14,7 @@ from tbmslam.belief.masses import Masses
 from tbmslam.belief.sparse_zeros import sparse_zeros
 from tbmslam.belief.tiled_masses import SIDE, TiledMasses
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray, IntArray
 from tbmslam.kernels.rays.counting import MOST_SCANS, Counts, beam_ends, count_scans, counted_tiles, write_tiles
 from tbmslam.kernels.rays.insertion import BeamFactors, beams_of_scan, insert_beams, insert_scan
 from tbmslam.kernels.rays.lattice import Lattice
@@ -181,7 +180,7 @@ def _counts(blocks: "_AllBlocks", strip: range, geometry: GridGeometry, lattice:
     return counts[first:last, 1:-1]
 
 
-def _touches(block: "_Block", first: int, last: int, lattice: Lattice) -> npt.NDArray[np.bool_]:
+def _touches(block: "_Block", first: int, last: int, lattice: Lattice) -> BoolArray:
     """Return which scans (K,) see a row of the lattice from `first` up to, and without, `last`."""
     touches = np.diff(block.offsets) > 0
     heights, starts, lasers = block.ends[:, 1], block.offsets[:-1][touches], block.lasers[touches, 1]
@@ -198,10 +197,10 @@ class _Block(NamedTuple):
 
     lasers: FloatArray
     ends: FloatArray
-    is_hit: npt.NDArray[np.bool_]
-    offsets: npt.NDArray[np.int64]
+    is_hit: BoolArray
+    offsets: IntArray
 
-    def some(self, chosen: npt.NDArray[np.bool_]) -> "_Block":
+    def some(self, chosen: BoolArray) -> "_Block":
         """Return some of the scans (K,)."""
         sizes = np.diff(self.offsets)
         beams, offsets = np.repeat(chosen, sizes), np.concatenate(([0], np.cumsum(sizes[chosen])))
@@ -283,9 +282,7 @@ def _cells(low: FloatArray, high: FloatArray, resolution: float) -> int:
     return math.prod(rows_and_cols.astype(int).tolist())
 
 
-def _tiles(
-    counts: Counts, first: int, most: int, config: MapConfig, resolution: float
-) -> tuple[npt.NDArray[np.int64], Masses]:
+def _tiles(counts: Counts, first: int, most: int, config: MapConfig, resolution: float) -> tuple[IntArray, Masses]:
     """Return the places (N, 2) and the masses (N, SIDE, SIDE, 4) of all tiles of a grid that were seen in a strip.
 
     `counts` (rows, cols) are those of the strip, of at most `most` scans; `first` is the row of its first tile.

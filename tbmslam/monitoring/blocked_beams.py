@@ -4,24 +4,22 @@ import math
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray
 from tbmslam.kernels import BoolArray
 from tbmslam.kernels.rays.blocked_beams import follow_beams
 from tbmslam.monitoring.incidents import Incidents
 from tbmslam.sensing.laser_scan import LaserScan
 
-_Beams = npt.NDArray[np.bool_]
 _MOST_TOLD = 3
 
 
 class _Span(NamedTuple):
     begin: float
     until: float
-    beams: npt.NDArray[np.int64]
+    beams: IntArray
 
 
 class BlockedSpans:
@@ -36,7 +34,7 @@ class BlockedSpans:
         """Return the number of spans that ended; overlapping spans of the same beams are one."""
         return len(self._ended)
 
-    def end(self, beams: _Beams, since: FloatArray, stamp: float) -> None:
+    def end(self, beams: BoolArray, since: FloatArray, stamp: float) -> None:
         """Note that beams (B,) are no longer blocked at a stamp [s]; they were blocked since stamps (B,) [s]."""
         for span in _spans(beams, since, stamp):
             self._times = None
@@ -54,7 +52,7 @@ class BlockedSpans:
         """Return whether any span has ended."""
         return bool(self._ended)
 
-    def cleared(self, scan: LaserScan, beams: _Beams, since: FloatArray) -> LaserScan:
+    def cleared(self, scan: LaserScan, beams: BoolArray, since: FloatArray) -> LaserScan:
         """Return a scan without the beams that were blocked at its time; the given ones (B,) still are, as in `end`."""
         if self._times is None:
             self._times = np.array([span[:2] for span in self._ended], dtype=np.float64).reshape(-1, 2)
@@ -67,12 +65,12 @@ class BlockedSpans:
         return scan.with_ranges(np.where(hidden, np.nan, scan.ranges)) if hidden.any() else scan
 
 
-def _spans(beams: _Beams, since: FloatArray, until: float) -> list[_Span]:
+def _spans(beams: BoolArray, since: FloatArray, until: float) -> list[_Span]:
     """Return the spans of blocked beams (B,), one for each time at which beams became blocked."""
     return [_Span(float(stamp), until, np.flatnonzero(beams & (since == stamp))) for stamp in np.unique(since[beams])]
 
 
-def directions(scan: LaserScan, beams: _Beams) -> str:
+def directions(scan: LaserScan, beams: BoolArray) -> str:
     """Return the directions of beams (B,) as text; beams a few degrees apart are one interval."""
     angles = np.degrees(scan.angle_min + scan.angle_increment * np.flatnonzero(beams))
     parts = np.split(angles, np.flatnonzero(np.abs(np.diff(angles)) > 5.0) + 1)
@@ -121,7 +119,7 @@ class BlockedBeams:
 
     def _forget(self, beams: int) -> None:
         """Restart with scans of this number of beams."""
-        self.blocked: npt.NDArray[np.bool_] = np.zeros(beams, dtype=np.bool_)
+        self.blocked: BoolArray = np.zeros(beams, dtype=np.bool_)
         self.any_blocked = False
         self._hidden = self.blocked  # with those suspected to be blocked
         self._hides = False

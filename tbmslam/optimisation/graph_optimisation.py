@@ -7,9 +7,8 @@ equations and the solver of bundle adjustment.
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, wrap_angles
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse, wrap_angles
 from tbmslam.kernels.adjustment.motion_systems import Motions, motion_equations
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem
 from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
@@ -35,7 +34,7 @@ def optimise(
     chain: EdgeArrays,
     closures: Iterable[MotionEdge],
     robust_width: float,
-    nodes: npt.NDArray[np.int64] | None = None,
+    nodes: IntArray | None = None,
     precision: float = 1e-4,
 ) -> FloatArray:
     """Return the poses (M, 3) of some nodes that agree best with all edges; the first stays where it is.

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, log
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse, log
 from tbmslam.kernels.adjustment.chains import compose_chain
 
 
@@ -28,7 +27,7 @@ class MotionEdge:
 class EdgeArrays(NamedTuple):
     """Edges as arrays."""
 
-    ends: npt.NDArray[np.int64]
+    ends: IntArray
     """Sources and targets (E, 2)."""
     motions: FloatArray
     """The targets as seen from the sources (E, 3)."""
@@ -86,7 +85,7 @@ class MotionChain:
         _, steps, informations = EdgeArrays.of(edges)
         return cls(steps, informations)
 
-    def between(self, nodes: npt.NDArray[np.int64]) -> EdgeArrays:
+    def between(self, nodes: IntArray) -> EdgeArrays:
         """Return the motions from each of some poses, given by rising indices (M,), to the next."""
         steps, covariances = compose_chain(self._steps, self.covariances, nodes)
         informations: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=np.float64)

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray
 from tbmslam.kernels.rays.hits import any_negative, hit_points, hits_of_scan, move_hits
 
 FARTHEST_PLACE = 1e8
@@ -69,7 +68,7 @@ class LaserScan:
         """Return the time from the first beam to the last [s]; 0 if unknown."""
         return self.time_increment * max(len(self.ranges) - 1, 0)
 
-    def is_hit(self) -> npt.NDArray[np.bool_]:
+    def is_hit(self) -> BoolArray:
         """Return which beams (N,) ended on something."""
         return np.isfinite(self.ranges)
 

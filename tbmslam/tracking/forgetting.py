@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import FloatArray, path_lengths
+from tbmslam.geometry.se2 import BoolArray, FloatArray, path_lengths
 from tbmslam.kernels.search.path_lengths import revisited
 from tbmslam.optimisation.pose_graph import MotionEdge
 
@@ -36,7 +35,7 @@ _BESIDE = 8.0
 
 def may_be_forgotten(
     poses: FloatArray, closures: Sequence[MotionEdge], first: int, end: int, config: ForgettingConfig
-) -> npt.NDArray[np.bool_]:
+) -> BoolArray:
     """Return which keyframes (K,) may be forgotten: whole stretches that are registered to kept keyframes.
 
     After a closed loop, in the spirit of G. Kurz et al., "Geometry-based graph pruning for lifelong SLAM", 2021. The

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, inverse, path_lengths, stacked
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray, compose, inverse, path_lengths, stacked
 from tbmslam.map.drive import spread_corrections
 from tbmslam.optimisation.pose_graph import MotionEdge, relative_pose
 from tbmslam.tracking.forgetting import ForgettingConfig, may_be_forgotten
@@ -87,7 +86,7 @@ class KeyframeBuffer:
         order = np.argsort(indices)
         return spread_corrections(poses, indices[order], moved[order])
 
-    def _remember(self, closed: FloatArray, travelled: FloatArray, gone: npt.NDArray[np.bool_], settled: int) -> None:
+    def _remember(self, closed: FloatArray, travelled: FloatArray, gone: BoolArray, settled: int) -> None:
         """Store poses of the robot in forgotten parts, a metre apart, relative to the nearest kept laser poses."""
         anchors = np.flatnonzero(~gone[:settled])
         _, stops = np.unique(travelled.astype(np.int64), return_index=True)

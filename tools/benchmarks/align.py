@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from merging.baselines.howard import Encounter, measured
 from tbmslam.belief.grid import TbmGrid, walls_and_free
-from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.se2 import SE2, BoolArray
 from tools.calibration import BINS, calibration_table
 from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
 from tools.map_pairs import KnownPair
@@ -231,5 +230,5 @@ def encounters_of(pair: KnownPair) -> list[Encounter]:
     return [measured(T_target_robot, T_source_other, pair.T_target_source, rng)]
 
 
-def _free(grid: TbmGrid) -> npt.NDArray[np.bool_]:
+def _free(grid: TbmGrid) -> BoolArray:
     return walls_and_free(grid)[1]

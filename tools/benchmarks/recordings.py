@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NoReturn
 
 import numpy as np
-import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.relations import Relations, matching_stamps, read_relations, relation_errors
 from tbmslam.evaluation.trajectory_errors import fit_rigid
-from tbmslam.geometry.se2 import FloatArray
+from tbmslam.geometry.se2 import BoolArray, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.trajectory_file import read_tum
 from tools import make_world
@@ -131,21 +130,21 @@ class DriveErrors:
     metres: FloatArray
     degrees: FloatArray
     """Errors (N,), nan for those that cannot be scored; degrees are nan for poses."""
-    has_scans: npt.NDArray[np.bool_]
+    has_scans: BoolArray
     """Whether each (N,) has scans at its stamps."""
 
-    def scored(self) -> npt.NDArray[np.bool_]:
+    def scored(self) -> BoolArray:
         """Return which errors (N,) were scored."""
         return np.isfinite(self.metres)
 
-    def error_m(self, chosen: npt.NDArray[np.bool_]) -> float | None:
+    def error_m(self, chosen: BoolArray) -> float | None:
         """Return the mean error of some relations, or the RMS error of some poses (ATE) [m]; None if there are none."""
         metres = self.metres[chosen]
         if not len(metres):
             return None
         return float(metres.mean() if self.kind == "relations" else np.sqrt(np.mean(metres**2)))
 
-    def error_deg(self, chosen: npt.NDArray[np.bool_]) -> float | None:
+    def error_deg(self, chosen: BoolArray) -> float | None:
         """Return the mean rotation error of some relations [deg]; None for poses, or if there are none."""
         degrees = self.degrees[chosen]
         return float(degrees.mean()) if len(degrees) and self.kind == "relations" else None
@@ -189,7 +188,7 @@ def _pose_errors(truth: Trajectory, estimate: Trajectory, scans: FloatArray) -> 
     return DriveErrors("poses", metres, np.full(len(truth), np.nan), _has_any(scans, truth.stamps, _SAME_POSE_S))
 
 
-def _has_any(scans: FloatArray, stamps: FloatArray, tolerance: float) -> npt.NDArray[np.bool_]:
+def _has_any(scans: FloatArray, stamps: FloatArray, tolerance: float) -> BoolArray:
     """Return which stamps (N,) have a scan."""
     has = np.zeros(len(stamps), dtype=np.bool_)
     has[matching_stamps(scans, stamps, tolerance)[1]] = True

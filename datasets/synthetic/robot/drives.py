@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage, sparse, spatial
 from scipy.sparse import csgraph
 
 from datasets.synthetic.world.world import World
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.belief.masses import FREE
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray, IntArray
 from tbmslam.geometry.trajectory import Trajectory
 
 COMFORTABLE = 1.0
@@ -64,11 +63,11 @@ class RoadMap:
         self._tree = spatial.KDTree(self.points)
         self._graph = _graph(drivable, cost * g.resolution * step)
 
-    def nearest(self, points: FloatArray) -> npt.NDArray[np.int64]:
+    def nearest(self, points: FloatArray) -> IntArray:
         """Return the node (N,) nearest to each of points (N, 2)."""
         return np.asarray(self._tree.query(points)[1], dtype=np.int64)
 
-    def costs(self, nodes: npt.NDArray[np.int64]) -> FloatArray:
+    def costs(self, nodes: IntArray) -> FloatArray:
         """Return the costs (K, K) of the cheapest paths between nodes, about their length [m]."""
         return np.asarray(csgraph.dijkstra(self._graph, directed=False, indices=nodes)[:, nodes])
 
@@ -87,12 +86,12 @@ class RoadMap:
         return np.asarray(self.points[nodes])
 
 
-def _largest_region(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _largest_region(mask: BoolArray) -> BoolArray:
     regions, _ = ndimage.label(mask)
     return np.asarray(regions == np.bincount(regions.ravel())[1:].argmax() + 1)
 
 
-def _graph(drivable: npt.NDArray[np.bool_], cost: FloatArray) -> sparse.csr_array:
+def _graph(drivable: BoolArray, cost: FloatArray) -> sparse.csr_array:
     """Join drivable cells to their eight neighbours; an edge costs the mean of both cells times its length."""
     number = np.full(drivable.shape, -1)
     number[drivable] = np.arange(int(drivable.sum()))
@@ -238,7 +237,7 @@ def plan_drives(
     return drives
 
 
-def short_tour(costs: FloatArray, start: int = 0) -> npt.NDArray[np.int64]:
+def short_tour(costs: FloatArray, start: int = 0) -> IntArray:
     """Return a short closed tour (K,) of places with symmetric costs (K, K): nearest neighbours, then 2-opt."""
     left = set(range(len(costs))) - {start}
     tour = [start]
@@ -260,7 +259,7 @@ def short_tour(costs: FloatArray, start: int = 0) -> npt.NDArray[np.int64]:
     return order
 
 
-def _stops(roads: RoadMap, places: FloatArray) -> npt.NDArray[np.int64]:
+def _stops(roads: RoadMap, places: FloatArray) -> IntArray:
     """Return the nodes nearest to the places; places without a node nearby are left out."""
     nodes = roads.nearest(places)
     away = np.hypot(*(roads.points[nodes] - places).T)
@@ -280,7 +279,7 @@ def _stretch(
     return tour if robots == 1 else tour / (robots * (1.0 - overlap))
 
 
-def _stops_between(tour: npt.NDArray[np.int64], around: FloatArray, begin: float, end: float) -> npt.NDArray[np.int64]:
+def _stops_between(tour: IntArray, around: FloatArray, begin: float, end: float) -> IntArray:
     """Return the stops of the repeated tour from `begin` to `end`, at least two."""
     whole, stops = around[-1], len(tour)
     count = math.ceil((end - begin) / whole + 2) * stops
@@ -292,7 +291,7 @@ def _stops_between(tour: npt.NDArray[np.int64], around: FloatArray, begin: float
     return np.asarray(tour[chosen[: max(needed, 2)] % stops])
 
 
-def _path(roads: RoadMap, stops: npt.NDArray[np.int64], rng: np.random.Generator) -> FloatArray:
+def _path(roads: RoadMap, stops: IntArray, rng: np.random.Generator) -> FloatArray:
     """Return the points (P, 2) of one robot's path along its stops."""
     nodes = roads.nearest(roads.points[stops] + rng.uniform(-0.6, 0.6, (len(stops), 2)))
     legs = [roads.path(int(start), int(end)) for start, end in pairwise(nodes)]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from datasets.synthetic.robot.simulation import SimulatedRobot, poses_at
 from datasets.synthetic.robot.surroundings import (
@@ -19,7 +18,7 @@ from datasets.synthetic.robot.surroundings import (
     within_a_crowd,
 )
 from datasets.synthetic.world.world import World
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 
 _JUMP = SE2(2.0, 1.0, 1.0)  # of the odometry, in the robot's frame
@@ -79,11 +78,11 @@ class _Scene:
     rng: np.random.Generator
     scale: float = 1.0
 
-    def scans(self) -> npt.NDArray[np.bool_]:
+    def scans(self) -> BoolArray:
         """Return which scans (S,) are in this time."""
         return np.asarray((self.robot.truth.stamps >= self.begin) & (self.robot.truth.stamps < self.end))
 
-    def odometry(self) -> npt.NDArray[np.bool_]:
+    def odometry(self) -> BoolArray:
         """Return which samples of the odometry (N,) are in this time."""
         return np.asarray((self.robot.odometry.stamps >= self.begin) & (self.robot.odometry.stamps < self.end))
 
@@ -308,7 +307,7 @@ def _restamped(robot: SimulatedRobot, stamps: FloatArray) -> SimulatedRobot:
     return replace(robot, readings=readings, truth=Trajectory(stamps, robot.truth.poses), recorded=recorded)
 
 
-def _rescanned(robot: SimulatedRobot, changed: npt.NDArray[np.bool_], ranges: FloatArray) -> SimulatedRobot:
+def _rescanned(robot: SimulatedRobot, changed: BoolArray, ranges: FloatArray) -> SimulatedRobot:
     """Return the robot with other ranges (S, B) in some scans (S,)."""
     readings = list(robot.readings)
     for index in np.flatnonzero(changed).tolist():
