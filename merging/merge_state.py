@@ -1,4 +1,4 @@
-"""The state of a merge between its stages: maps, alignments and groups, and why a map is in none."""
+"""The state of a merge between its stages: maps, alignments, groups, and the reasons for exclusions."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

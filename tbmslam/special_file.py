@@ -1,4 +1,4 @@
-"""Files that may never end: devices, pipes, and what passes for empty; and digests of files that do."""
+"""Checks for devices, pipes and empty files, whose content cannot be read; and digests of files."""
 
 import hashlib
 from pathlib import Path
@@ -25,7 +25,7 @@ def why_unreadable(path: Path) -> str | None:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal; what passes for empty is not read, since it may have no end."""
+    """Return the SHA-256 of a file in hexadecimal; a file that appears empty is not read, since it may have no end."""
     if not path.stat().st_size:
         return hashlib.sha256().hexdigest()
     with path.open("rb") as stream:

@@ -1,4 +1,4 @@
-"""Test of elected loop closures against the motions of the drive.
+"""Test of proposed loop closures against the motions of the drive.
 
 In a corridor of equal doors several stops may agree on a wrong place, while no target shows the true one yet. Two
 measurements decide. The pose graph gives the covariance of the drift. Hits in the free space of the target contradict
@@ -27,7 +27,7 @@ of the 25 independent hits that a stop adds."""
 
 
 class DriftTest:
-    """Tests elected places against the motions of the drive.
+    """Tests proposed places against the motions of the drive.
 
     Closures have a robust kernel of `robust_width` standard deviations. A bundle covers a `length` of the path before
     and after a keyframe [m] and has a number of `points`.

@@ -1,4 +1,4 @@
-"""Redundant keyframes of a long drive, which may be forgotten."""
+"""Selection of redundant keyframes of a long drive, which may be dropped."""
 
 from collections.abc import Sequence
 from typing import ClassVar

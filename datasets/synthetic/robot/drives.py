@@ -1,4 +1,4 @@
-"""Drives of robots: paths that keep off walls, tours of all places, divided among robots, and driven."""
+"""Drives of robots: paths at a distance from walls, and tours of all places that are divided among robots."""
 
 import math
 from array import array

@@ -1,4 +1,4 @@
-"""Surroundings that are no fixed walls: glass, people, things that are moved."""
+"""Surroundings besides fixed walls: glass, people and moved objects."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What the node does, without ROS: messages in, poses and maps out."""
+"""The logic of the node without ROS: messages in, poses and maps out."""
 
 import math
 from dataclasses import dataclass
