@@ -18,8 +18,7 @@ from merging.config.groups import JointConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse
-from tbmslam.loop_closure.open_direction import without_open_direction
-from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps
+from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps, without_open_direction
 from tbmslam.map.drive import Drive, with_keyframes_at
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.local_frame import LocalFrame

@@ -21,9 +21,8 @@ from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose
 from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
 from tbmslam.loop_closure.drift_test import DriftTest
 from tbmslam.loop_closure.far_search import FarSearch
-from tbmslam.loop_closure.open_direction import open_direction, without_open_direction
 from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig, PlacedBundle
-from tbmslam.loop_closure.submap import SubmapConfig
+from tbmslam.loop_closure.submap import SubmapConfig, open_direction, without_open_direction
 from tbmslam.map.drive import spread_corrections
 from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.optimisation.graph_optimisation import optimise

@@ -5,7 +5,14 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.search.correlation import WALL
-from tbmslam.loop_closure.submap import Submap, SubmapConfig, _search_field, split_into_submaps
+from tbmslam.loop_closure.submap import (
+    Submap,
+    SubmapConfig,
+    _search_field,
+    open_direction,
+    split_into_submaps,
+    without_open_direction,
+)
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import DriveHits, ScanHits
 from tbmslam.tracking.surfel_map import SurfelConfig
@@ -102,3 +109,14 @@ def test_stretches_overlap_by_half():
 
 def test_a_short_drive_is_one_submap():
     assert split_into_submaps(np.zeros((3, 3)), 8.0) == [(0, 2)]
+
+
+def test_an_undetermined_direction_has_no_information():
+    turn = SE2(0.0, 0.0, 0.4).matrix()
+    open_along, shut = (turn @ np.diag([along, 1e6, 1e5]) @ turn.T for along in (10.0, 5e5))
+    assert open_direction(shut, 0.02) is None
+    np.testing.assert_array_equal(without_open_direction(shut, 0.02), shut)
+    direction = open_direction(open_along, 0.02)
+    np.testing.assert_allclose(abs(direction @ turn[:2, 0]), 1.0)
+    kept = without_open_direction(open_along, 0.02)
+    np.testing.assert_allclose(turn.T @ kept @ turn, np.diag([0.0, 1e6, 1e5]), atol=1e-6)
