@@ -51,7 +51,7 @@ class Keyframes:
     def from_scans(
         cls,
         scans: Sequence[LaserScan],
-        poses: Sequence[SE2] | FloatArray,
+        poses: Sequence[SE2],
         sensor_poses: Sequence[SE2],
         indices: Sequence[int] | None = None,
     ) -> "Keyframes":
