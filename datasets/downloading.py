@@ -7,13 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import BinaryIO
-
-import requests
+from typing import TYPE_CHECKING, BinaryIO
 
 from datasets.errors import DatasetError
 from tbmslam.io.atomic_file import replacing, write_text
 from tbmslam.special_file import sha256_of
+
+if TYPE_CHECKING:
+    import requests
 
 Progress = Callable[[int, int | None], None]
 """Called with the number of bytes so far, and the total if known."""
@@ -22,7 +23,6 @@ _CHUNK = 1 << 16  # most bytes that a broken connection loses
 _TIMEOUT_S = (20.0, 60.0)  # to connect, and to wait for the next byte
 _ATTEMPTS = 3
 _LARGEST = 100 << 30  # largest accepted file of unstated size; the largest known file has 24 GB [bytes]
-_BROKEN = (requests.exceptions.ChunkedEncodingError, requests.exceptions.ConnectionError, requests.exceptions.Timeout)
 
 
 class DownloadError(DatasetError):
@@ -36,16 +36,21 @@ def download(address: str, target: Path, sha256: str | None = None, progress: Pr
     in TARGET.part. Without an expected `sha256` any data are accepted. Raises a `DownloadError` if the server refuses,
     the connection breaks repeatedly, or the digest differs.
     """
+    import requests  # noqa: PLC0415 - a wrong name is reported before it is loaded
+
     if target.is_file():
         _check_existing(target, sha256)
         return False
     part = target.with_name(target.name + ".part")
-    target.parent.mkdir(parents=True, exist_ok=True)
     for attempt in range(_ATTEMPTS):
         try:
             _fetch(address, part, progress or (lambda _have, _all: None))
             break
-        except _BROKEN as error:
+        except (
+            requests.exceptions.ChunkedEncodingError,
+            requests.exceptions.ConnectionError,
+            requests.exceptions.Timeout,
+        ) as error:
             if attempt + 1 < _ATTEMPTS:
                 continue
             have = part.stat().st_size if part.is_file() else 0
@@ -76,6 +81,8 @@ def download(address: str, target: Path, sha256: str | None = None, progress: Pr
 
 def _fetch(address: str, part: Path, progress: Progress) -> None:
     """Download the missing part of a file, or all of it if the server cannot resume."""
+    import requests  # noqa: PLC0415
+
     have = part.stat().st_size if part.is_file() else 0
     headers = {"Accept-Encoding": "identity"}
     if have:
@@ -99,6 +106,7 @@ def _fetch(address: str, part: Path, progress: Progress) -> None:
         tag = response.headers.get("ETag") or response.headers.get("Last-Modified")
         if tag and not tag.startswith("W/"):  # a weak tag does not promise the same bytes
             write_text(_tag_file(part), tag)
+        part.parent.mkdir(parents=True, exist_ok=True)
         have = have if resumed else 0
         length = _length(address, response)
         whole = None if length is None else have + length
@@ -117,7 +125,7 @@ def _fetch(address: str, part: Path, progress: Progress) -> None:
         )
 
 
-def _length(address: str, response: requests.Response) -> int | None:
+def _length(address: str, response: "requests.Response") -> int | None:
     """Return the number of bytes that follow; None if it is not stated."""
     if encoding := response.headers.get("Content-Encoding", "").replace("identity", ""):
         raise DownloadError(f"{address}: comes packed as {encoding}, which was not requested: try another address")

@@ -55,11 +55,12 @@ def main(argv: list[str] | None = None, program: str = "download") -> int:
 
 def _run(args: argparse.Namespace, program: str) -> None:
     from datasets.downloading import known_recording
-    from tools.command_line.output_folder import output_folder
 
     if args.list:
         _list()
     if recordings := [known_recording(name) for name in args.names]:
+        from tools.command_line.output_folder import output_folder
+
         with output_folder(args.out):  # two writers would corrupt the file
             for recording in recordings:
                 _download(recording, args.out, program)

@@ -66,6 +66,7 @@ def test_a_server_that_does_not_answer_is_one_line_that_names_the_page(tmp_path,
     assert error.startswith("download: http://127.0.0.1:1/x: the connection failed after 0 bytes")
     assert error.endswith("(http://ais.informatik.uni-freiburg.de/slamevaluation/datasets.php)\n")
     assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_unknown_name_is_exit_1_and_nothing_at_all_is_exit_2(capsys):
