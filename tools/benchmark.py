@@ -18,12 +18,13 @@ import re
 import sys
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from tools import benchmarks
 from tools.build_maps import MOST_ROBOTS
 from tools.command_line.options import comma_separated, number_within
-from tools.command_line.paths import path_argument
+from tools.command_line.paths import check_exist, path_argument
 from tools.command_line.program import ProgramParser, examples, run_program
 from tools.merge import METHODS
 
@@ -239,6 +240,8 @@ def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
 
 
 def _run(args: argparse.Namespace) -> None:
+    recordings = getattr(args, "recordings", ())
+    check_exist(Path(each.partition(",")[0]) if isinstance(each, str) else each.path for each in recordings)
     module, function = args.function.split(".")
     getattr(import_module(f"{benchmarks.__name__}.{module}"), function)(args)
 

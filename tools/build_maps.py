@@ -120,7 +120,7 @@ def main(argv: list[str] | None = None, program: str = "build_maps") -> int:
 
 
 def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[str] | None, program: str) -> None:
-    check_exist(args.recordings, "no such file or directory: check the path")
+    check_exist([*args.recordings, args.config, *(args.reference or ())])
     with loading():
         from tools.command_line.configuration import whole_text
         from tools.command_line.program import typed_command

@@ -13,7 +13,7 @@ import argparse
 import sys
 
 from tools.command_line.options import number_within
-from tools.command_line.paths import path_argument
+from tools.command_line.paths import check_exist, path_argument
 from tools.command_line.program import ProgramParser, examples, loading, run_program
 
 EXAMPLES = """examples:
@@ -114,6 +114,12 @@ def main(argv: list[str] | None = None, program: str = "evaluate") -> int:
 
 
 def _run(args: argparse.Namespace) -> None:
+    given = (
+        (args.estimate, args.truth, args.relations, args.map)
+        if args.command == "trajectory"
+        else (args.map, args.truth, *(args.trajectories or ()))
+    )
+    check_exist(given)
     with loading():
         from tools.evaluation import evaluate_map, evaluate_trajectory, print_report
 

@@ -90,6 +90,7 @@ def _run(
     grammar: argparse.ArgumentParser, options: argparse.Namespace, arguments: Sequence[str] | None, program: str
 ) -> int:
     check_exist(options.maps, "does not exist: give a map's folder or file")
+    check_exist([options.config])
     with loading():
         from tools.command_line.configuration import whole_text
 

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from tools.command_line.options import add_configuration_options
+from tools.command_line.paths import check_exist
 from tools.command_line.program import ProgramParser, run_program
 
 EXAMPLES = """examples:
@@ -35,6 +36,7 @@ def main(arguments: Sequence[str] | None = None, program: str = "print_config") 
 
 
 def _run(args: argparse.Namespace) -> None:
+    check_exist([args.config])
     from tools.command_line.configuration import read_configuration, whole_text
 
     print(whole_text(read_configuration(args.preset, args.config).with_settings(args.set)), end="")

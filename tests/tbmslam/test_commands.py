@@ -23,10 +23,39 @@ def test_a_wrong_path_is_reported_before_heavy_imports():
             ("merge", "none_0", "none_1", "-o", "x"),
             "tbmslam merge: none_0: does not exist: give a map's folder or file\n",
         ),
+        (
+            ("evaluate", "trajectory", "none.tum", "--truth", "none.tum"),
+            "tbmslam evaluate: none.tum: no such file or directory: check the path\n",
+        ),
+        (
+            ("evaluate", "map", ".", "--truth", "none.npz"),
+            "tbmslam evaluate: none.npz: no such file or directory: check the path\n",
+        ),
+        (
+            ("map", __file__, "--reference", "none.tum", "-o", "x"),
+            "tbmslam map: none.tum: no such file or directory: check the path\n",
+        ),
+        (
+            ("merge", __file__, __file__, "--config", "none.toml", "-o", "x"),
+            "tbmslam merge: none.toml: no such file or directory: check the path\n",
+        ),
+        (
+            ("config", "--config", "none.toml"),
+            "tbmslam config: none.toml: no such file or directory: check the path\n",
+        ),
+        (("download", "none"), "tbmslam download: there is no known recording 'none': see --list\n"),
     ):
         done, seconds = cpu_seconds("-m", "tbmslam", *words)
         assert (done.returncode, done.stderr) == (1, line)
         assert seconds < 0.3
+
+
+def test_a_benchmark_of_no_recording_is_refused_before_any_is_mapped(tmp_path, capsys):
+    for name in ("slam", "split", "perturb"):
+        assert main(["benchmark", name, f"{tmp_path}/none.bag,scan_topic=/scan"]) == 1
+        assert capsys.readouterr().err == (
+            f"tbmslam benchmark: {tmp_path}/none.bag: no such file or directory: check the path\n"
+        )
 
 
 @pytest.mark.parametrize("command", PROGRAMS)

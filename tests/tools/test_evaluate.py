@@ -161,7 +161,7 @@ def test_a_map_against_a_map(files, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("trajectory", "no.tum", "--truth", "gt.tum"), "no.tum: cannot be read"),
+        (("trajectory", "no.tum", "--truth", "gt.tum"), "no.tum: no such file or directory: check the path"),
         (("trajectory", "est.tum", "--truth", "gt.tum", "--step-m", "99"), "less than a step of 99 m"),
         (("map", "map", "--truth", "nothing.npz"), "nothing.npz"),
         (("map", "map", "--truth", "world.npz", "--transform", "900", "0", "0"), "have no common known cell"),

@@ -73,11 +73,12 @@ def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.
             write_occupancy_bag(bags[kind], tbm_map.grid, max(stamps, default=0.0), kind)
 
 
-def check_exist(paths: Iterable[Path], fact: str) -> None:
-    """Check that files or folders exist, before libraries are loaded."""
+def check_exist(paths: Iterable[Path | None], fact: str = "no such file or directory: check the path") -> None:
+    """Check that files or folders exist, before libraries are loaded; None is an option that was not given."""
     for path in paths:
         try:
-            path.lstat()
+            if path is not None:
+                path.lstat()
         except (FileNotFoundError, NotADirectoryError):
             raise TbmSlamError(f"{path}: {fact}") from None
         except OSError:

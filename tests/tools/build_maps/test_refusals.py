@@ -65,7 +65,11 @@ def errors(bag, tmp_path):
     return {
         "no such bag": ((nowhere,), TbmSlamError, rf"{nowhere}: no such file or directory"),
         "no such preset": ((bag, "--preset", "vinny"), ConfigError, "there is no preset 'vinny'.*did you mean 'viny'"),
-        "no such file of parameters": ((bag, "--config", tmp_path / "no.toml"), ConfigError, "cannot be read as TOML"),
+        "no such file of parameters": (
+            (bag, "--config", tmp_path / "no.toml"),
+            TbmSlamError,
+            "no such file or directory",
+        ),
         "not TOML": ((bag, "--config", broken), ConfigError, r"broken\.toml: cannot be read as TOML: "),
         "not UTF-8": ((bag, "--config", latin), ConfigError, r"latin\.toml: cannot be read as TOML: "),
         "no such parameter": ((bag, "--config", wrong), ConfigError, r"wrong\.toml: .*did you mean 'map\.resolution'"),
