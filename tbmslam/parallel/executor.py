@@ -48,6 +48,10 @@ class Progress:
     def finished(self, name: str, tbm_map: TbmMap) -> None:
         """Receive the finished map of a robot; does nothing here."""
 
+    def told_in_workers(self) -> Callable[[], object] | None:
+        """Return a function of a module that the first worker calls before its work, to tell of it; None here."""
+        return None
+
     def shown(self, items: Iterable[_T], label: str, total: int | None, unit: str) -> Iterable[_T]:
         """Return items that show their progress while they are used; here they show nothing."""
         del label, total, unit
@@ -122,7 +126,11 @@ class Executor:
             with worker_pool(
                 min(self.workers, len(calls)), partial(_initialise, dict(_inputs(calls)), most_inputs)
             ) as pool:
-                submitted = [pool.submit(_call_here, _referring(call)) for call in calls]
+                begin = self.progress.told_in_workers()
+                submitted = [
+                    pool.submit(_call_here, _referring(call), None if index else begin)
+                    for index, call in enumerate(calls)
+                ]
                 for future in self._shown(submitted, step, unit):
                     yield _outcome(partial(pool.result, future))
 
@@ -164,7 +172,9 @@ def _initialise(inputs: Mapping[str, Call], most: int | None) -> None:
     _here[:] = [_MadeInputs(inputs, most)]
 
 
-def _call_here(call: Call) -> Any:
+def _call_here(call: Call, begin: Callable[[], object] | None = None) -> Any:
+    if begin is not None:
+        begin()
     return _here[0].call(call)
 
 

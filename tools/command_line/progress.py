@@ -1,13 +1,15 @@
 """Progress on the terminal: a bar for each step, a line when code is compiled, and the viewer."""
 
 import sys
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from numba.core.event import Listener, register, unregister
 from tqdm import tqdm
 
+from datasets.counts import in_number
 from tbmslam.parallel.executor import Progress
 
 if TYPE_CHECKING:
@@ -17,15 +19,23 @@ if TYPE_CHECKING:
     from tbmslam.sensing.laser_scan import Reading
 
 
+_ANNOUNCEMENT = "compiling for this machine: a minute or two, the first time only"
+_LONG_S = 5.0
+"""Time of compilation after which a log is told, too. A terminal is told at once."""
+_COUNTING = "{desc}: {n_fmt}/{total_fmt}{unit}{postfix}"
+"""A bar while functions are compiled: the rate and the remaining time say nothing yet."""
+
+
 class Compiling(Listener):
-    """Announces on a terminal that functions are compiled, and counts them on the bars.
+    """Announces that functions are compiled, and counts them on the bars.
 
     Functions from the cache are not compiled. The time of compilation does not count in the rate of a bar.
     """
 
     def __init__(self) -> None:
         self._is_announced = False
-        self._count = 0
+        self._count = self._depth = 0
+        self._began = self._seconds = 0.0
         self._bars: list[tqdm[Any]] = []
 
     @contextmanager
@@ -39,16 +49,29 @@ class Compiling(Listener):
 
     def on_start(self, event: Any) -> None:  # noqa: ARG002  # the name is numba's
         """Announce the first compilation above the bars."""
-        if not self._is_announced and sys.stderr is not None and sys.stderr.isatty():
-            self._is_announced = True
-            tqdm.write("compiling for this machine: a minute or two, the first time only", file=sys.stderr)
+        if not self._depth:
+            self._began = time.perf_counter()
+        self._depth += 1
+        if sys.stderr is not None and sys.stderr.isatty():
+            self._announce()
 
     def on_end(self, event: Any) -> None:  # noqa: ARG002
-        """Count a function that is compiled."""
+        """Count a function that is compiled; functions that it calls are compiled within its time."""
+        self._depth -= 1
+        if not self._depth:
+            self._seconds += time.perf_counter() - self._began
+        if self._seconds > _LONG_S:
+            self._announce()
         self._count += 1
         for bar in self._bars:
             bar.unpause()
-            bar.set_postfix_str(f"{self._count} functions compiled")
+            bar.bar_format = _COUNTING
+            bar.set_postfix_str(in_number(self._count, "function compiled", "functions compiled"))
+
+    def _announce(self) -> None:
+        if not self._is_announced and sys.stderr is not None:
+            self._is_announced = True
+            tqdm.write(_ANNOUNCEMENT, file=sys.stderr)
 
 
 class CompiledFunctions(Listener):
@@ -103,7 +126,13 @@ class ProgressBars(Progress):
         """Yield items and update their bar."""
         bar = tqdm(items, desc=label, total=total, unit=f" {unit}", disable=None, leave=False)
         with self._compiling.counted_on(bar):
-            yield from bar
+            for item in bar:
+                yield item
+                bar.bar_format = None  # also after the compilation of functions
+
+    def told_in_workers(self) -> Callable[[], object]:
+        """Return what lets a worker announce that it compiles; the others compile the same at the same time."""
+        return announce_compiling
 
     def saw(self, name: str, reading: "Reading", T_map_robot: "SE2") -> None:
         """Pass a reading with its pose to the viewer."""

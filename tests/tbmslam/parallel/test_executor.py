@@ -48,6 +48,21 @@ def test_one_call_that_fails_is_one_outcome_and_ends_all_results(workers):
         Executor(workers).results(calls)
 
 
+class Told(Progress):
+    def told_in_workers(self):
+        return tell
+
+
+def tell():
+    os.environ["TOLD"] = "yes"
+
+
+def test_the_first_worker_tells_before_its_work():
+    calls = [Call(name, os.getenv, ("TOLD",)) for name in ("a", "b")]
+    assert Executor(2, progress=Told()).results(calls)[0] == "yes"
+    assert Executor(1, progress=Told()).results(calls) == [None, None]
+
+
 def test_a_worker_that_dies_is_one_clear_error():
     with pytest.raises(WorkerDiedError, match="a worker process died"):
         Executor(2).results([Call("a", os._exit, (3,)), Call("b", abs, (-1,))])

@@ -5,6 +5,7 @@ import numba
 import pytest
 from numba.core import event
 
+from tbmslam.parallel.executor import Progress
 from tools.command_line import progress
 from tools.command_line.progress import Compiling, ProgressBars, announce_compiling
 
@@ -52,7 +53,9 @@ def test_what_is_compiled_is_counted_on_the_bar_and_its_time_is_no_work(listener
             now[0] += 60.0
             twice_compiled()
         now[0] += 1.0
-    assert "2 functions compiled" in stream.getvalue()
+    assert "mapping: 0/10 scans, 1 function compiled" in stream.getvalue()
+    assert "mapping: 0/10 scans, 2 functions compiled" in stream.getvalue()
+    assert "scans/s" in bar.format_meter(**bar.format_dict)
     assert bar.format_dict["elapsed"] == pytest.approx(10.0)
     assert listener._bars == []
 
@@ -62,6 +65,19 @@ def test_there_is_no_progress_without_a_terminal(listener, monkeypatch, stream):
     monkeypatch.setattr(sys, "stderr", stream)
     twice_compiled()
     assert stream is None or stream.getvalue() == ""
+
+
+def test_a_log_is_told_of_a_long_compilation_once(listener, monkeypatch):
+    monkeypatch.setattr("tools.command_line.progress._LONG_S", 0.0)
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    twice_compiled()
+    assert stream.getvalue() == "compiling for this machine: a minute or two, the first time only\n"
+
+
+def test_a_worker_tells_of_its_compilation_too():
+    assert ProgressBars().told_in_workers() is announce_compiling
+    assert Progress().told_in_workers() is None
 
 
 def test_cached_functions_are_not_counted(listener, monkeypatch):
