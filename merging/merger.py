@@ -1,5 +1,6 @@
 """Merges maps with unknown relative poses, and aligns two of them."""
 
+import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -58,6 +59,11 @@ class Merge:
     def _repr_png_(self) -> bytes | None:
         """Return the picture that a notebook shows: the merged map, if there is one."""
         return None if self.merged is None else self.merged._repr_png_()
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: which maps were merged, why the others were not, and the merged map."""
+        lines = "".join(f"<p>{html.escape(line.strip())}</p>" for line in repr(self).splitlines())
+        return lines if self.merged is None else lines + self.merged._repr_html_()
 
     def laid(self, name: str, maps: Mapping[str, TbmMap]) -> tuple[TbmGrid, SE2]:
         """Return the grid of a merged map, after joint optimisation, and its pose in the merged map."""

@@ -1,5 +1,7 @@
 """A map: its grid, its drives and its provenance."""
 
+import base64
+import html
 import math
 import os
 from collections.abc import Mapping
@@ -36,6 +38,13 @@ class TbmMap:
     def _repr_png_(self) -> bytes | None:
         """Return the picture that a notebook shows; see `TbmGrid`."""
         return self.grid._repr_png_()
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the size and the drives in a line, and the picture."""
+        line, picture = f"<p>{html.escape(repr(self))}</p>", self._repr_png_()
+        if picture is None:
+            return line
+        return f'{line}<img alt="the map" src="data:image/png;base64,{base64.b64encode(picture).decode("ascii")}">'
 
     @classmethod
     def from_occupancy(

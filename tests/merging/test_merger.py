@@ -128,6 +128,9 @@ def test_three_maps_become_one_and_the_foreign_one_is_named(rooms):
     assert list(result.left_out) == ["foreign"]
     assert repr(result).startswith("Merge of 4 maps: merged a, b, c\n  foreign: no alignment with a merged map")
     assert result._repr_png_() == result.merged._repr_png_()
+    shown = result._repr_html_()
+    assert "<p>Merge of 4 maps: merged a, b, c</p><p>foreign: no alignment with a merged map" in shown
+    assert shown.endswith(result.merged._repr_html_())
     assert "no alignment with a merged map was accepted; with " in result.left_out["foreign"]
     assert len(result.alignments) == 6
 
@@ -172,6 +175,7 @@ def test_nothing_in_common_merges_nothing(rooms):
     why = "no other map could be aligned with it"
     assert repr(result) == f"Merge of 2 maps: merged none\n  one: {why}\n  two: {why}"
     assert result._repr_png_() is None
+    assert result._repr_html_() == f"<p>Merge of 2 maps: merged none</p><p>one: {why}</p><p>two: {why}</p>"
 
 
 def test_contradicting_accepted_alignments_are_the_reason(rooms, monkeypatch):

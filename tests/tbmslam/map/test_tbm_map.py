@@ -1,3 +1,5 @@
+import base64
+
 import cv2
 import numpy as np
 import pytest
@@ -96,6 +98,11 @@ def test_a_map_is_shown_in_a_line_and_as_a_picture():
     assert repr(TbmMap(grid, (drive,))) == "TbmMap(3 x 2 cells of 0.1 m, 0.0 m2 known; drives of robot_0)"
     assert repr(TbmMap(grid)) == "TbmMap(3 x 2 cells of 0.1 m, 0.0 m2 known)"
     assert TbmMap(grid)._repr_png_() == grid._repr_png_()
+    shown = TbmMap(grid)._repr_html_()
+    assert shown.startswith(f'<p>{TbmMap(grid)!r}</p><img alt="the map" src="data:image/png;base64,')
+    assert base64.b64decode(shown.partition("base64,")[2].partition('"')[0]) == grid._repr_png_()
+    nothing = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 0, 0)))
+    assert nothing._repr_html_() == f"<p>{nothing!r}</p>"
 
 
 OCCUPANCY = np.array([[0, 100, -1], [50, 80, 20]], dtype=np.int8)
