@@ -90,7 +90,8 @@ def unpacked(path: Path) -> UnpackedFile:
 
 def _unpack(path: Path) -> UnpackedFile:
     if os.getpid() not in _folders:
-        _folders[os.getpid()] = tempfile.TemporaryDirectory(prefix="tbmslam-")
+        # Windows removes no file that is open or mapped, and at the end of a program some still are.
+        _folders[os.getpid()] = tempfile.TemporaryDirectory(prefix="tbmslam-", ignore_cleanup_errors=True)
     folder = Path(tempfile.mkdtemp(dir=_folders[os.getpid()].name))
     content, damage = folder / path.stem, None
     try:

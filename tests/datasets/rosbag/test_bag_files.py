@@ -108,6 +108,24 @@ def unpacked_by(bag, tmp_path):
     assert list(scratch.iterdir()) == []
 
 
+IN_USE = """
+import os, sys
+from pathlib import Path
+from datasets import open_recording
+def in_use(*_, **__):
+    raise PermissionError(13, "another process uses the file")
+print(sum(1 for _ in open_recording([Path(sys.argv[1])])))
+os.unlink = in_use
+"""
+
+
+def test_a_temporary_file_that_windows_still_holds_is_no_error(bag, tmp_path):
+    packed = tmp_path / "run.bag.gz"
+    packed.write_bytes(gzip.compress(bag().read_bytes()))
+    done = python("-c", IN_USE, packed, TMPDIR=str(tmp_path))
+    assert (done.stdout, done.stderr, done.returncode) == ("100\n", "", 0)
+
+
 def test_no_room_is_one_line(unpacked_by):
     said = unpacked_by(PROGRAM)
     assert "run.bag.gz: cannot be unpacked into " in said

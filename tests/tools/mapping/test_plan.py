@@ -19,7 +19,7 @@ from tools.mapping.plan import robot_names, safe_name
         (("north/Run.bag", "south/run.bag"), ("north_Run", "south_run")),
         (("a/run.bag", "a/run.log", "a/run.clf"), ("a_run", "a_run-2", "a_run-3")),
         (("a b/ü & $HOME.bag", "...bag", "truth.json.bag", ".hidden.bag"), ("ü_HOME", "robot", "truth_json", "hidden")),
-        (("CON.bag", "lpt1.bag", "console.bag"), ("robot_CON", "robot_lpt1", "console")),
+        (("CON.bag", "lpt1.bag", "com¹.bag", "console.bag"), ("robot_CON", "robot_lpt1", "robot_com¹", "console")),
         (("-x.bag",), ("robot_-x",)),
     ],
 )
