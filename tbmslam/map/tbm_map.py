@@ -143,7 +143,12 @@ class TbmMap:
         The axes, in metres of the map's frame.
         """
         if ax is None:
-            import matplotlib.pyplot as plt  # noqa: PLC0415  # an extra, and slow to load
+            try:
+                import matplotlib.pyplot as plt  # noqa: PLC0415  # an extra, and slow to load
+            except ModuleNotFoundError as error:
+                raise ModuleNotFoundError(
+                    "plot() needs matplotlib, which is not installed: pip install matplotlib"
+                ) from error
 
             ax = plt.figure().add_subplot()
         min_x, min_y, max_x, max_y = self.grid.geometry.bounds()

@@ -1,4 +1,5 @@
 import base64
+import sys
 
 import cv2
 import numpy as np
@@ -186,6 +187,12 @@ def test_cells_of_another_size_cover_the_same():
     assert whole.resample(0.3).grid.geometry == pytest.approx((0.3, -1.0, 0.5, 10, 14))
     with pytest.raises(ValueError, match="resolution must be positive, got 0"):
         whole.resample(0.0)
+
+
+def test_a_plot_without_matplotlib_states_the_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    with pytest.raises(ModuleNotFoundError, match=r"plot\(\) needs matplotlib.*: pip install matplotlib"):
+        driven_map().plot()
 
 
 def test_a_map_is_drawn_in_metres():
