@@ -141,8 +141,7 @@ def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> 
         If the maps cannot be brought into cells of one size.
     """
     config = config or MergeConfig()
-    found = align_deformable(target, source, config)
-    return with_picture(found, (target.grid, source.grid), config)
+    return with_picture(align_deformable(target, source, config), (target.grid, source.grid), config)
 
 
 def _with_pictures(done: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> Merge:

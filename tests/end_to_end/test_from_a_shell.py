@@ -17,6 +17,10 @@ def program_path(program):
     return ROOT / "tools" / f"{program}.py"
 
 
+# A cache without this version of the kernels; the tests may be the first to compile them.
+COMPILING = "compiling for this machine: a minute or two, the first time only\n"
+
+
 def shell(program, *arguments, **how):
     return python(program_path(program), *arguments, **how)
 
@@ -24,10 +28,10 @@ def shell(program, *arguments, **how):
 def test_another_process_in_another_folder_gives_the_same_bytes(flat, flat_maps, tmp_path):
     bags = [str(flat / f"robot_{k}.bag") for k in range(2)]
     done = shell("build_maps", *bags, "--separate", "-o", "maps", cwd=tmp_path, PYTHONHASHSEED="7")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr.removeprefix(COMPILING)) == (0, "")
     assert contents(tmp_path / "maps") == contents(flat_maps)
     done = shell("merge", "maps/robot_0", "maps/robot_1", "-o", "merged", cwd=tmp_path, PYTHONHASHSEED="7")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr.removeprefix(COMPILING)) == (0, "")
     assert done.stdout.splitlines()[-1] == "merged robot_0, robot_1 into merged"
 
 
