@@ -273,7 +273,10 @@ def ranges_in_box(pose, angles, half_width, half_height):
 
 
 def saw_free(ranges, first, step, origin, place, margin):
-    """Return whether the three beams of a scan nearest in direction to a place hit something behind it."""
+    """Return whether the three beams of a scan nearest in direction to a place end behind it, and none beside it.
+
+    The outline of a scan are the segments between the ends of neighbouring beams.
+    """
     dx, dy = place[0] - origin[0], place[1] - origin[1]
     directions = first + step * np.arange(len(ranges)) + origin[2]
     apart = np.abs((directions - math.atan2(dy, dx) + np.pi) % (2.0 * np.pi) - np.pi)
@@ -281,4 +284,11 @@ def saw_free(ranges, first, step, origin, place, margin):
     if apart[beam] > 0.5 * abs(step) or not 0 < beam < len(ranges) - 1:
         return False
     around = ranges[beam - 1 : beam + 2]
+    for k in range(max(beam - 3, 0), min(beam + 3, len(ranges) - 1)):
+        if not np.isfinite(ranges[k : k + 2]).all():
+            continue
+        one, other = (ranges[i] * np.array([math.cos(directions[i]), math.sin(directions[i])]) for i in (k, k + 1))
+        on_segment = one + np.linspace(0.0, 1.0, 2001)[:, None] * (other - one)
+        if np.hypot(*(on_segment - (dx, dy)).T).min() < margin:
+            return False
     return bool(np.all(np.isfinite(around) & (around > math.hypot(dx, dy) + margin)))

@@ -67,6 +67,21 @@ def test_free_space_is_what_an_earlier_scan_saw_through(surfels, reversed_beams,
     assert total > 200.0
 
 
+def test_hits_between_those_of_the_last_view_on_a_wall_seen_at_a_small_angle_are_not_in_free_space(surfels):
+    """No surfel is there, and the beams beside such a hit end metres behind it."""
+    lateral, step = 0.8, 0.01
+    along = np.arange(0.02, 1.0, step)
+    view = lateral / np.sin(along), along[0], step, (0.0, 0.0, 0.0)
+    between = along[4:-1] + 0.4 * step
+    points = np.column_stack((lateral / np.tan(between), np.full(len(between), lateral)))
+    normals = np.tile([0.0, -1.0], (len(points), 1))
+    nowhere = (*surfels[:1], *(np.zeros_like(array) for array in surfels[1:3]), *surfels[3:])
+    _, there = count_strays(nowhere, points, normals, (0.0, -0.06, 0.0), 0.5, 4.0, view)
+    _, aside = count_strays(nowhere, points, normals, (0.0, -0.3, 0.0), 0.5, 4.0, view)
+    assert there == 0.0
+    assert aside > 5.0
+
+
 def test_a_view_without_beams_saw_no_free_space(surfels):
     strays, free = counted(surfels, room_ranges(slice(40, 60)))
     assert strays > 1.0
