@@ -272,23 +272,36 @@ def ranges_in_box(pose, angles, half_width, half_height):
     return np.minimum(across, along)
 
 
-def saw_free(ranges, first, step, origin, place, margin):
-    """Return whether the three beams of a scan nearest in direction to a place end behind it, and none beside it.
-
-    The outline of a scan are the segments between the ends of neighbouring beams.
-    """
-    dx, dy = place[0] - origin[0], place[1] - origin[1]
-    directions = first + step * np.arange(len(ranges)) + origin[2]
-    apart = np.abs((directions - math.atan2(dy, dx) + np.pi) % (2.0 * np.pi) - np.pi)
-    beam = int(apart.argmin())
-    if apart[beam] > 0.5 * abs(step) or not 0 < beam < len(ranges) - 1:
+def is_straight(ends, middle):
+    """Return whether an end is within 5 cm of the line through its two neighbours."""
+    if not 0 < middle < len(ends) - 1 or not np.isfinite(ends[middle - 1 : middle + 2]).all():
         return False
-    around = ranges[beam - 1 : beam + 2]
+    first, place, last = ends[middle - 1 : middle + 2]
+    along = (last - first) / np.hypot(*(last - first))
+    away = place - first
+    return bool(np.hypot(*(away - (away @ along) * along)) < 0.05)
+
+
+def share_on_outline(ranges, first, step, pose, place, normal):
+    """Return the weight with which a hit lies between the ends of neighbouring beams that lie on one line with a third.
+
+    Only surfaces of the three beams to each side count, and only if their normals differ by less than acos(0.8).
+    """
+    directions = pose[2] + first + step * np.arange(len(ranges))
+    ends = np.array(pose[:2]) + ranges[:, None] * np.column_stack((np.cos(directions), np.sin(directions)))
+    away = np.asarray(place) - pose[:2]
+    bearing = math.atan2(away[1], away[0])
+    apart = np.abs((directions - bearing + np.pi) % (2.0 * np.pi) - np.pi)
+    beam, nearest = int(apart.argmin()), math.inf
     for k in range(max(beam - 3, 0), min(beam + 3, len(ranges) - 1)):
-        if not np.isfinite(ranges[k : k + 2]).all():
+        along = ends[k + 1] - ends[k]
+        length = math.hypot(*along)
+        if not any(is_straight(ends, i) for i in (k, k + 1)):
             continue
-        one, other = (ranges[i] * np.array([math.cos(directions[i]), math.sin(directions[i])]) for i in (k, k + 1))
-        on_segment = one + np.linspace(0.0, 1.0, 2001)[:, None] * (other - one)
-        if np.hypot(*(on_segment - (dx, dy)).T).min() < margin:
-            return False
-    return bool(np.all(np.isfinite(around) & (around > math.hypot(dx, dy) + margin)))
+        square = np.array([-along[1], along[0]]) / length
+        square *= math.copysign(1.0, square @ (pose[:2] - ends[k]))
+        if square @ normal < 0.8:
+            continue
+        on_segment = ends[k] + np.linspace(0.0, 1.0, 2001)[:, None] * along
+        nearest = min(nearest, np.hypot(*(on_segment - place).T).min())
+    return 0.01 / (0.01 + nearest**2)

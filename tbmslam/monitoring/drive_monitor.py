@@ -24,7 +24,7 @@ _SAID_AT_MOST = 20
 _SAME_PLACE = 0.5
 """Least share of the last scan that a scan of the same place confirms."""
 _CARRIED = "if the robot was carried or took a lift, split the recording there with --interval"
-LOST = f"the scan matches nothing near the pose of the odometry: the drive continues by odometry; {_CARRIED}"
+LOST = f"the scan matches hardly anything near the pose of the odometry: its pose is uncertain; {_CARRIED}"
 LOST_WITHOUT_ODOMETRY = f"the scan matches nothing known: without odometry the motion is a guess there; {_CARRIED}"
 
 

@@ -95,10 +95,15 @@ class MotionModel:
             self._swerve(start, stamp),
         )
 
-    def coasting(self, reading: Reading) -> Coasting:
-        """Return the robot's pose by its last motion, or by its last pose alone where that motion is not known."""
+    def coasting(self, reading: Reading) -> Coasting | None:
+        """Return the robot's pose by its last motion, or by its last pose where that motion is not known.
+
+        None if the last pose is old: the robot may have turned since then.
+        """
         since = 0.0 if self._stamp is None else reading.scan.stamp - self._stamp
-        if self._duration and since <= _OLD:
+        if since > _OLD:
+            return None
+        if self._duration:
             return Coasting(self._coasted(reading), self._coasting_deviations(reading))
         far = self._config.odometry.position_floor + _SPEED * max(since, self._usual)
         return Coasting(self._T_map_robot, (far, far, far))
@@ -195,7 +200,7 @@ class MotionModel:
 
     def _swerve(self, start: SE2, stamp: float) -> float:
         """Return the distance of a step to a pose from the robot's last motion at equal speed [m]."""
-        if self._stamp is None or not self._duration:
+        if self._stamp is None or not self._duration or stamp - self._stamp > _OLD:
             return 0.0
         ratio = min(max(stamp - self._stamp, 0.0) / self._duration, _LONGEST)
         # Along a line: the heading hardly changes within a step, and a constant twist takes ten times as long.

@@ -11,7 +11,7 @@ from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.kernels.surfels.determined import prior_information
-from tbmslam.kernels.surfels.strays import View
+from tbmslam.kernels.surfels.outline import Outline, outline_of
 from tbmslam.kernels.surfels.surfel_alignment import Search
 from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.odometry_fault import OdometryFault, faulty_cost
@@ -23,10 +23,6 @@ from tbmslam.tracking.tracker import Coasting, PosePrior, ScanMatch
 _STRAY = 4.0
 """Log-odds that an object lies on a known surface at the right pose: one of fifty does not. With 3, intel with reversed
 odometry is torn (`benchmark.py perturb`). With 5, crowds along corridors hold the robot back."""
-_MOVED = 4.0
-"""Further log-odds against an object in space that the last keyframe saw free: it moved there since. So a new object at
-the edge of the known area costs less than one in the midst of it. With 0, scans of csail 0.75 m apart are placed wrong
-by metres."""
 _THING = 0.5
 """Hits within this length of surface count as one object, such as a person [m]. With 0.1 m, the scale at which hit
 errors are correlated, the drive is metres too short if five people walk beside the robot along a corridor."""
@@ -122,7 +118,7 @@ class SurfelTracker:
         self._last: SE2 | None = None
         # The last scan, its hits in an array with room for more, and how many they are.
         self._seen: tuple[LaserScan, FloatArray, int] | None = None
-        self._view: View = np.zeros(0), 0.0, 1.0, (0.0, 0.0, 0.0)  # of the last keyframe
+        self._outline: Outline = np.empty((0, 4)), 0.0, 1.0, (0.0, 0.0, 0.0)  # of the last keyframe
         self._rest, self._in_vain = 0, 1.0
         self._scans_before = RecentScans()
         self._fault = OdometryFault()
@@ -192,8 +188,7 @@ class SurfelTracker:
         def cost(registration: Registration) -> float:
             """Return the negative logarithm of the posterior, up to a constant."""
             pose, surprise = registration.pose, registration.surprise
-            strays, moved = self._map.strays(hits, pose, _THING, self._config.tolerances[-1], self._view)
-            cost = _STRAY * strays + _MOVED * moved
+            cost = _STRAY * self._map.strays(hits, pose, _THING, self._config.tolerances[-1], self._outline)
             if inertia is None or not may_be_faulty:
                 return cost + student_cost(surprise)
             return cost + self._fault.cost(surprise, faulty) + student_cost(inertia.squared_distance(pose))
@@ -268,7 +263,8 @@ class SurfelTracker:
         hits = self._hits_of(scan)
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))
-        self._view = scan.ranges, scan.angle_min, scan.angle_increment + scan.beam_step.theta, (*pose,)
+        view = scan.angle_min, scan.angle_increment + scan.beam_step.theta, (*pose,)
+        self._outline = outline_of(scan.ranges, *view), *view
 
 
 def _cheapest(

@@ -123,12 +123,13 @@ def test_angles_that_the_converter_stretched_cause_a_warning(shared_data, tmp_pa
     assert told.endswith(" degrees apart, not 1.0056: try --angle-step-deg 1")
 
 
-@pytest.mark.parametrize(("moved", "least", "most"), [(4.0, 0.0, 0.1), (0.0, 0.5, 10.0)])
-def test_scans_far_apart_need_the_free_space_of_the_last_keyframe(shared_data, monkeypatch, moved, least, most):
-    """Ablation of `tbmslam.tracking.surfel_tracker._MOVED` on mit-csail with a scan each 0.75 m or 0.5 rad."""
+@pytest.mark.parametrize(("is_known", "least", "most"), [(True, 0.0, 0.1), (False, 0.1, 20.0)])
+def test_scans_far_apart_need_the_outline_of_the_last_keyframe(shared_data, monkeypatch, is_known, least, most):
+    """Ablation of `tbmslam.kernels.surfels.outline` on mit-csail with a scan each metre or 0.5 rad."""
     readings = list(open_recording([shared_data / "mit-csail/mit-csail.bag"], RecordingOptions()))
-    monkeypatch.setattr(surfel_tracker, "_MOVED", moved)
-    assert least < error_of_few(readings, 0.0, 0.75) < most
+    if not is_known:
+        monkeypatch.setattr(surfel_tracker, "outline_of", lambda *_: np.empty((0, 4)))
+    assert least < error_of_few(readings, 0.0, 1.0) < most
 
 
 @pytest.mark.parametrize(("min_matched", "least", "most"), [(0.1, 0.0, 0.1), (0.2, 0.5, 10.0)])

@@ -1,0 +1,75 @@
+"""The outline of a scan: the surfaces between the ends of neighbouring beams.
+
+A surfel needs several hits within a few cells. Far from the laser the ends of beams lie farther apart, so that a
+surface that one scan showed there has no surfel yet. The outline holds it.
+"""
+
+import math
+
+import numpy as np
+
+from tbmslam.kernels import FloatArray, Pose, kernel
+
+Outline = tuple[FloatArray, float, float, Pose]
+"""Surfaces (beams - 1, 4) in the map's frame, the direction of the first beam, the step between beams [rad], and the
+pose of the scan in the map's frame. A surface is given by x and y of one end and the vector to the other end [m], with
+the laser to its left. The vector is zero where there is no surface."""
+
+_STRAIGHT = 0.05
+"""Three neighbouring ends lie on one surface if the middle one is nearer to the line through the other two [m]. So a
+wall that the beams meet at a small angle is a surface, and the space between two objects is none."""
+_AROUND = 3
+"""Number of surfaces to each side of a hit's direction that may be the nearest one."""
+_SAME = 0.8
+"""Smallest cosine of the angle between the normal of a hit and that of the surface on which it lies. Without it, door
+jambs would lie on the outline of their wall, and drives along corridors follow reversed odometry."""
+_WIDTH = 0.1
+"""Distance from a surface at which a hit counts half [m]. Scans 1.25 m apart are placed equally well with 0.15."""
+
+
+@kernel
+def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) -> FloatArray:
+    """Return the surfaces (N - 1, 4) of the outline of a scan with N ranges [m]; see `Outline`."""
+    x, y, theta = pose
+    ends, surfaces = np.empty((len(ranges), 2)), np.zeros((max(len(ranges) - 1, 0), 4))
+    for i in range(len(ranges)):
+        angle = theta + angle_min + i * step
+        ends[i, 0], ends[i, 1] = x + ranges[i] * math.cos(angle), y + ranges[i] * math.sin(angle)
+    for i in range(1, len(ranges) - 1):
+        if _distance_from_line(ends[i], ends[i - 1], ends[i + 1]) < _STRAIGHT:
+            for k in range(i - 1, i + 1):
+                first, last = (k, k + 1) if step > 0.0 else (k + 1, k)
+                surfaces[k, :2] = ends[first]
+                surfaces[k, 2:] = ends[last] - ends[first]
+    return surfaces
+
+
+@kernel
+def share_on_outline(outline: Outline, x: float, y: float, normal_x: float, normal_y: float) -> float:
+    """Return the weight in [0, 1] with which a hit lies on an outline.
+
+    The hit's place [m] and the normal of its surface, towards its laser, are in the map's frame.
+    """
+    surfaces, angle_min, step, (origin_x, origin_y, heading) = outline
+    # From the first beam on, in the direction in which the laser turns.
+    turned = math.copysign(1.0, step) * (math.atan2(y - origin_y, x - origin_x) - heading - angle_min)
+    beam = int((turned / abs(step) + 0.5) % (2.0 * math.pi / abs(step)))
+    nearest = math.inf
+    for i in range(max(beam - _AROUND, 0), min(beam + _AROUND, len(surfaces))):
+        along_x, along_y = surfaces[i, 2], surfaces[i, 3]
+        squared = along_x * along_x + along_y * along_y
+        if squared == 0.0 or normal_y * along_x - normal_x * along_y < _SAME * math.sqrt(squared):
+            continue
+        dx, dy = x - surfaces[i, 0], y - surfaces[i, 1]
+        share = min(max((dx * along_x + dy * along_y) / squared, 0.0), 1.0)
+        nearest = min(nearest, (dx - share * along_x) ** 2 + (dy - share * along_y) ** 2)
+    return _WIDTH * _WIDTH / (_WIDTH * _WIDTH + nearest)
+
+
+@kernel
+def _distance_from_line(place: FloatArray, first: FloatArray, last: FloatArray) -> float:
+    """Return the distance of a place (2,) from the line through two others [m]; inf if one is unknown."""
+    along_x, along_y = last[0] - first[0], last[1] - first[1]
+    length = math.hypot(along_x, along_y)
+    away = abs(along_x * (place[1] - first[1]) - along_y * (place[0] - first[0]))
+    return away / length if length > 0.0 and away < math.inf else math.inf
