@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ _MOST_SAMPLES = 2000
 _LARGEST_PARAMETER = 1000.0  # of places on a robot and limits of a laser [m]
 _OFFSET_PARAM = "robot_frontlaser_offset"
 _RANGE_PARAMS = ("robot_front_laser_max", "laser_front_laser_max")
+_UNTIMED = "the scans have no usable times, so they are taken as one second apart"
 
 
 @dataclass
@@ -58,6 +60,8 @@ def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
         survey.numbers[kind],
     )
     logger.info("%s: %s", recording.name, recording.description)
+    if settings.times == "none":
+        logger.warning("%s: %s", paths[0], _UNTIMED)
     return recording
 
 
@@ -105,9 +109,26 @@ def _settings(survey: _LogSurvey, kind: str) -> LogSettings:
     """Return the settings of the whole log."""
     range_max = next((survey.parameters[n] for n in _RANGE_PARAMS if n in survey.parameters), LogSettings().range_max)
     settings = LogSettings(survey.parameters.get(_OFFSET_PARAM, 0.0), range_max)
-    stamps = [scan.raw.stamp for scan in _sampled(survey.samples[kind], settings)]
-    useless = len(stamps) > 1 and (len(set(stamps)) == 1 or max(stamps) <= 0.0)
-    return settings._replace(logger_time=useless)
+    lines = survey.samples[kind]
+    for times in ("ipc", "logger", "none"):
+        settings = settings._replace(times=times)
+        scans = _sampled(lines, settings)
+        if scans and _tell_times([scan.raw.stamp for scan in scans]):
+            break
+    first = settings._replace(odometry="first")
+    is_first = kind == "FLASER" and _is_constant(scans) and not _is_constant(_sampled(lines, first))
+    return first if is_first else settings
+
+
+def _tell_times(stamps: list[float]) -> bool:
+    """Return whether stamps of scans, far apart in the log, are times: some are all zero, or were rounded to days."""
+    repeated = sum(stamp == after for stamp, after in pairwise(stamps))
+    return len(stamps) == 1 or (max(stamps) > 0.0 and 2 * repeated < len(stamps) - 1)
+
+
+def _is_constant(scans: list[LoggedScan]) -> bool:
+    """Return whether the odometry of several scans never changes."""
+    return len(scans) > 1 and len({scan.T_odom_robot for scan in scans}) == 1
 
 
 def _sampled(lines: list[str], settings: LogSettings) -> list[LoggedScan]:
@@ -166,7 +187,10 @@ def _readings(
                     counts.scans_read += 1
                     counts.drop("unreadable")
                     continue
-                scan = intake.take(logged.raw, next(cleaned))
+                raw = logged.raw
+                if settings.times == "none":
+                    raw = raw._replace(stamp=float(counts.scans_read))
+                scan = intake.take(raw, next(cleaned))
                 if scan is None:
                     continue
                 if options.odometry == "none" or logged.T_odom_robot is not None:
@@ -176,7 +200,7 @@ def _readings(
                     pairing.add(scan, scan.stamp)
                     yield from pairing.ready(scan.stamp)
             elif kind == "RAWLASER1" and line.startswith("ODOM "):
-                _add_pose(motion, line, settings)
+                _add_pose(motion, line, settings, counts.scans_read)
                 yield from pairing.ready(float("-inf"))
     yield from pairing.rest()
 
@@ -190,13 +214,14 @@ def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> 
     return Reading(scan, odometry, options.sensor_pose or logged.T_robot_sensor)
 
 
-def _add_pose(motion: TopicMotion, line: str, settings: LogSettings) -> None:
-    """Add a line of odometry, unless it is damaged."""
+def _add_pose(motion: TopicMotion, line: str, settings: LogSettings, number: int) -> None:
+    """Add a line of odometry before the scan of a number, unless it is damaged."""
     try:
         pose = pose_from(_with_points(line), settings)
     except (ValueError, IndexError):
         return
-    motion.add(pose.stamp, SE3.from_planar(pose.T_odom_robot))
+    stamp = float(number) if settings.times == "none" else pose.stamp
+    motion.add(stamp, SE3.from_planar(pose.T_odom_robot))
 
 
 def _description(
@@ -224,7 +249,8 @@ def _description(
         "angle_step_deg": step,
         "T_robot_sensor": list(sensor_pose),
         "upside_down": bool(options.upside_down),
-        "times": "logger" if settings.logger_time else "ipc",
+        "times": settings.times,
+        "clock_warning": _UNTIMED if settings.times == "none" else None,
         "range_min_m": rules.range_min,
         "range_offset_m": rules.offset,
         "range_max_m": rules.range_max or (first.raw.range_max if first is not None else settings.range_max),

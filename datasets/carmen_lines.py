@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -33,11 +33,16 @@ class LoggedPose(NamedTuple):
 
 
 class LogSettings(NamedTuple):
-    """Settings of a whole log: the mount of the laser, its limit, and the choice between the two times."""
+    """Settings of a whole log."""
 
     laser_offset: float = 0.0
+    """Place of the laser before the robot's centre [m]."""
     range_max: float = SICK_RANGE_MAX
-    logger_time: bool = False
+    """Limit of a laser whose lines state none [m]."""
+    times: Literal["ipc", "logger", "none"] = "ipc"
+    """Times to use: when messages were made, or when they were logged; "none" if neither tells times."""
+    odometry: Literal["second", "first"] = "second"
+    """Pose of a FLASER to use."""
 
 
 def scan_from(line: str, settings: LogSettings) -> LoggedScan:
@@ -52,18 +57,17 @@ def pose_from(line: str, settings: LogSettings) -> LoggedPose:
     pose = _pose(words[1:4])
     if words[0] == "O":
         return LoggedPose(_seconds(words[4]), _in_metres(pose))
-    return LoggedPose(_time(words, settings), pose)
+    return LoggedPose(_time(words[-3:], settings), pose)
 
 
 def _flaser(words: list[str], settings: LogSettings) -> LoggedScan:
     """Read a front laser; its first pose may have been corrected by a mapper, the second is raw odometry."""
     number = int(words[1])
-    rest = words[2 + number :]
+    ranges, rest = words[2 : 2 + number], words[2 + number :]
     angle_min, step = _fan(number)
-    raw = RawScan(_time(words, settings), angle_min, step, 0.0, settings.range_max, _ranges(words[2 : 2 + number]))
-    if len(rest) < 9:
-        raise ValueError(f"FLASER must end in two poses and times, got {len(rest)} words")
-    return LoggedScan(raw, _pose(rest[3:6]), SE2(settings.laser_offset, 0.0, 0.0))
+    raw = RawScan(_time(rest[6:], settings), angle_min, step, 0.0, settings.range_max, _ranges(ranges))
+    poses = {"first": _pose(rest[0:3]), "second": _pose(rest[3:6])}
+    return LoggedScan(raw, poses[settings.odometry], SE2(settings.laser_offset, 0.0, 0.0))
 
 
 def _raw_laser(words: list[str], settings: LogSettings) -> LoggedScan:
@@ -85,7 +89,7 @@ def _stated(words: list[str], settings: LogSettings) -> tuple[RawScan, list[str]
     number = int(words[8])
     end = 9 + number
     remissions = int(words[end])
-    scan = RawScan(_time(words, settings), start, step, 0.0, range_max, _ranges(words[9:end]))
+    scan = RawScan(_time(words[-3:], settings), start, step, 0.0, range_max, _ranges(words[9:end]))
     return scan, words[end + 1 + remissions :]
 
 
@@ -145,5 +149,12 @@ def _ranges(words: list[str]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 
 def _time(words: list[str], settings: LogSettings) -> float:
-    """Return the time of a line of CARMEN: when its message was made, or when it was logged."""
-    return _seconds(words[-1] if settings.logger_time else words[-3])
+    """Return the time of a line from its last words: when its message was made, the computer, and when it was logged.
+
+    Some programs wrote no times, or only the last one. The time is 0 if no times are used.
+    """
+    if settings.times == "none":
+        return 0.0
+    if len(words) < (3 if settings.times == "ipc" else 1):
+        raise ValueError(f"a line must end in its {settings.times} time, got {len(words)} words behind the poses")
+    return _seconds(words[-3] if settings.times == "ipc" else words[-1])
