@@ -3,7 +3,7 @@
 import logging
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -51,6 +51,9 @@ def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
     survey = _surveyed(paths)
     kind = _kind(paths, survey, options)
     settings = _settings(survey, kind)
+    if kind == "RAWLASER1" and "ODOM" not in survey.numbers and options.odometry != "none":
+        logger.warning("%s: no line of ODOM holds odometry; continuing without it", paths[0])
+        options = replace(options, odometry="none")
     samples = _sampled(survey.samples[kind], settings)
     rules = _range_rules(samples, options, settings)
     recording = Recording(

@@ -96,6 +96,17 @@ def test_raw_laser_takes_odometry_from_odom(tmp_path):
     assert readings[0].T_robot_sensor == SE2(0.25, 0.0, 0.0)
 
 
+def test_a_raw_laser_without_odometry(tmp_path, caplog):
+    text = "".join(robot_laser(k, "RAWLASER1") for k in range(10))
+    readings, recording = read(tmp_path / "run.log", text)
+    assert [reading.T_odom_robot for reading in readings] == [None] * 10
+    assert recording.description["odometry"] == "none"
+    assert "no line of ODOM holds odometry; continuing without it" in caplog.text
+    caplog.clear()
+    read(tmp_path / "run.log", text, odometry="none")
+    assert "ODOM" not in caplog.text
+
+
 def test_the_kind_of_line_can_be_chosen(tmp_path):
     text = "".join(flaser(k) + robot_laser(k) for k in range(3))
     assert read(tmp_path / "run.log", text)[1].description["scan_topic"] == "FLASER"
