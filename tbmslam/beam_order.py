@@ -5,13 +5,12 @@ last beam was measured first (Slamtec/rplidar_ros issue 55; the lasers of Turtle
 robot's motion then doubles the distortion of each scan in a turn.
 """
 
-import math
-
 from tbmslam.back_end import BackEnd
 from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.front_end import Placement
 from tbmslam.geometry.se2 import SE2, wrap_angle
-from tbmslam.sensing.laser_scan import Reading
+from tbmslam.monitoring.paired_gains import PairedGains
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.tracked_drive import TrackedDrive
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 
@@ -22,8 +21,7 @@ _TURN = 0.01
 _ALIKE = 3
 """Consecutive scans of a turn that err alike and count as one."""
 _SURE = 3.5
-"""Standard deviations from which a difference decides: chance exceeds them in 0.2 % (exp(-z^2 / 2), for any symmetric
-errors)."""
+"""Standard deviations from which a difference decides: chance exceeds them in 0.2 %."""
 _ENOUGH = 100
 """Groups of scans after which a difference that decides nothing is none."""
 
@@ -41,10 +39,9 @@ class BeamOrderTrial:
     """
 
     def __init__(self, config: SlamConfig, back_end: BackEnd) -> None:
-        self.rival = TrackedDrive(config, back_end, is_backwards=True)
+        self.rival = TrackedDrive(config, back_end, LaserScan.backwards, BACKWARDS)
         self._last: tuple[float, SE2] | None = None
-        self._group: list[float] = []
-        self._groups, self._sum, self._squares = 0, 0.0, 0.0
+        self._gains = PairedGains()
 
     @classmethod
     def of(cls, reading: Reading, config: SlamConfig, back_end: BackEnd) -> "BeamOrderTrial | None":
@@ -61,11 +58,11 @@ class BeamOrderTrial:
 
     def is_decided(self) -> bool:
         """Return whether the trial can end."""
-        return self._groups >= _ENOUGH or abs(self._deviations()) >= _SURE
+        return self._gains.groups >= _ENOUGH or abs(self._gains.deviations()) >= _SURE
 
-    def is_backwards(self) -> bool:
+    def is_better(self) -> bool:
         """Return whether the opposite order fits better."""
-        return self._deviations() >= _SURE
+        return self._gains.deviations() >= _SURE
 
     def _turn(self, placement: Placement) -> float:
         """Return the angle by which the robot turned during a scan [rad], by its turn since the last scan."""
@@ -76,12 +73,5 @@ class BeamOrderTrial:
         return abs(wrap_angle(pose.theta - last[1].theta)) * placement.scan.sweep() / (stamp - last[0])
 
     def _count(self, gain: float) -> None:
-        self._group.append(gain)
-        if len(self._group) == _ALIKE:
-            mean = sum(self._group) / _ALIKE
-            self._group.clear()
-            self._groups, self._sum, self._squares = self._groups + 1, self._sum + mean, self._squares + mean * mean
-
-    def _deviations(self) -> float:
-        """Return the gain of the opposite order, in standard deviations."""
-        return self._sum / math.sqrt(self._squares) if self._squares > 0.0 else 0.0
+        if self._gains.add(gain) == _ALIKE:
+            self._gains.end_group()

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from tbmslam.angle_step import AngleStepTrial
 from tbmslam.back_end import BackEnd, OptimisedDrive
-from tbmslam.beam_order import BACKWARDS, BeamOrderTrial
+from tbmslam.beam_order import BeamOrderTrial
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.calibration.laser_check import fit_laser, laser_warnings
 from tbmslam.configuration.slam_config import SlamConfig
@@ -66,7 +67,7 @@ class Slam:
         self._start_stamp, self._corrections = start_stamp, corrections or Corrections()
         self._back_end = BackEnd(self.config)
         self._drive = TrackedDrive(self.config, self._back_end)
-        self._trial: BeamOrderTrial | None = None
+        self._trial: BeamOrderTrial | AngleStepTrial | None = None
 
     @property
     def incidents(self) -> Incidents:
@@ -90,7 +91,7 @@ class Slam:
         """
         reading.check()
         if not self._drive.stamps:
-            self._trial = BeamOrderTrial.of(reading, self.config, self._back_end)
+            self._trial = self._trial_of(reading)
         placement = self._drive.add(reading)
         if self._trial is not None:
             placement = self._tried(self._trial, reading, placement)
@@ -101,6 +102,8 @@ class Slam:
 
         The drive may continue and be finished again.
         """
+        if isinstance(self._trial, AngleStepTrial):
+            self._replaced_by(self._trial)
         self._drive.monitor.reopen()
         tracked = self._drive.poses()
         keyframes = self._drive.keyframes(tracked)
@@ -121,16 +124,27 @@ class Slam:
             drive = replace(drive, closures=optimised.closed_pairs(), motions=optimised.motions)
         return self._drive.frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
 
-    def _tried(self, trial: BeamOrderTrial, reading: Reading, placement: Placement) -> Placement:
-        """Continue a trial with a reading; return its placement in the order of beams that fits better so far."""
+    def _trial_of(self, reading: Reading) -> BeamOrderTrial | AngleStepTrial | None:
+        """Return the trial of another way to read the scans, if the first reading gives reason for one."""
+        order = BeamOrderTrial.of(reading, self.config, self._back_end)
+        if order is not None or self._corrections.angle_step:
+            return order
+        return AngleStepTrial.of(reading, self.config, self._back_end)
+
+    def _tried(self, trial: BeamOrderTrial | AngleStepTrial, reading: Reading, placement: Placement) -> Placement:
+        """Continue a trial with a reading; return its placement in the drive that is used from now on."""
         other = trial.observe(reading, placement)
         if not trial.is_decided():
             return placement
         self._trial = None
-        if not trial.is_backwards():
-            return placement
-        self._drive = trial.rival
-        return other
+        return other if self._replaced_by(trial) else placement
+
+    def _replaced_by(self, trial: BeamOrderTrial | AngleStepTrial) -> bool:
+        """Return whether the trial's drive fits better and replaces the current one."""
+        if not trial.is_better():
+            return False
+        self._drive, self._trial = trial.rival, None
+        return True
 
     def _optimised(self, keyframes: Keyframes) -> OptimisedDrive | None:
         """Return the drive after loop closures and adjustment; None if both are disabled."""
@@ -163,8 +177,8 @@ class Slam:
         config, scale = self.config, self._corrections.odometry_scale
         review = DriveReview(config.mount_check, config.odometry_check, self.start_stamp, scale)
         warnings = review.warnings(trajectory, keyframes, self._drive.buffer.keyframes)
-        if self._drive.is_backwards:
-            self._drive.monitor.warn_of_whole_drive("order", BACKWARDS, self.start_stamp)
+        if self._drive.finding is not None:
+            self._drive.monitor.warn_of_whole_drive("reading", self._drive.finding, self.start_stamp)
         if "angles" in self._drive.monitor.whole_drive_warnings:  # wrong angles also rotate all of the view
             warnings = [warning for warning in warnings if warning.subject != "mount"]
         if config.tracker.kind == "surfels":  # other trackers draw every scan

@@ -1,6 +1,7 @@
 """The drive so far, as it was tracked: the poses of all readings, the keyframes and the incidents."""
 
 from array import array
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.local_frame import LocalFrame
 from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.parallel.executor import Progress
-from tbmslam.sensing.laser_scan import Reading
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.tracking.keyframe_buffer import KeyframeBuffer
 from tbmslam.tracking.tracked_keyframe import packed
 
@@ -20,23 +21,29 @@ from tbmslam.tracking.tracked_keyframe import packed
 class TrackedDrive:
     """Tracks one drive, reading by reading.
 
-    `is_backwards` states that the laser measures the beams of each scan from the last to the first.
+    `corrected` corrects each scan before it is used, and `finding` is the reason for it, for the user.
     """
 
-    def __init__(self, config: SlamConfig, back_end: BackEnd, *, is_backwards: bool = False) -> None:
+    def __init__(
+        self,
+        config: SlamConfig,
+        back_end: BackEnd,
+        corrected: Callable[[LaserScan], LaserScan] | None = None,
+        finding: str | None = None,
+    ) -> None:
         self.monitor = DriveMonitor(config.blocked_beams, config.odometry_check)
         self.front_end = FrontEnd(config, make_tracker(config))
         self.buffer = KeyframeBuffer(config.forgetting)
         # Plain numbers, three for each pose, since a day has millions of poses.
         self.stamps, self._poses = array("d"), array("d")
         self.frame = LocalFrame()
-        self._back_end, self.is_backwards = back_end, is_backwards
+        self._back_end, self._corrected, self.finding = back_end, corrected, finding
 
     def add(self, reading: Reading) -> Placement:
         """Register one reading and update the surfels."""
         self.monitor.reopen()
-        if self.is_backwards:
-            reading = reading.with_scan(reading.scan.backwards())
+        if self._corrected is not None:
+            reading = reading.with_scan(self._corrected(reading.scan))
         if not self.stamps:
             self.frame = LocalFrame.around(reading.T_odom_robot)
         reading = self.monitor.cleaned(self.frame.reading(reading))

@@ -153,3 +153,5 @@ class Corrections(NamedTuple):
     """Added to every range that was measured [m]."""
     odometry_scale: float = 1.0
     """Factor by which the lengths of the odometry were multiplied."""
+    angle_step: bool = False
+    """Whether the user stated the angle between beams."""
