@@ -14,18 +14,19 @@ class PairedGains:
 
     def __init__(self) -> None:
         self.groups = 0
-        self._group, self._sum, self._squares = list[float](), 0.0, 0.0
+        self._group, self._size = 0.0, 0  # sum and number of the current group
+        self._sum, self._squares = 0.0, 0.0
 
     def add(self, gain: float) -> int:
         """Add a gain to the current group, and return the group's size."""
-        self._group.append(gain)
-        return len(self._group)
+        self._group, self._size = self._group + gain, self._size + 1
+        return self._size
 
     def end_group(self) -> None:
         """Complete the current group, if it holds any gain."""
-        if self._group:
-            mean = sum(self._group) / len(self._group)
-            self._group.clear()
+        if self._size:
+            mean = self._group / self._size
+            self._group, self._size = 0.0, 0
             self.groups, self._sum, self._squares = self.groups + 1, self._sum + mean, self._squares + mean * mean
 
     def deviations(self) -> float:
