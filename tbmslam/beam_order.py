@@ -30,7 +30,7 @@ class BeamOrderTrial:
     """Tracks a drive a second time with all scans turned around, until one of both orders fits better.
 
     Scans during turns are compared by the share of each that fits earlier scans. In seven recordings with RPLIDARs this
-    share grows by 0.04 to 0.13 if the scans are turned around. In six with a Hokuyo it falls by 0.01 to 0.09.
+    share grows by 0.04 to 0.13 if the scans are turned around. In six with a Hokuyo it falls by 0.01 to 0.08.
 
     Attributes
     ----------
