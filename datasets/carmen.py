@@ -2,13 +2,14 @@
 
 import logging
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
+from datasets.carmen_lines import POSE_KINDS, SCAN_KINDS, LoggedScan, LogSettings, pose_from, scan_from
 from datasets.counts import ReadingCounts
 from datasets.errors import DatasetError
 from datasets.odometry.se3 import SE3
@@ -17,149 +18,10 @@ from datasets.odometry.synchronisation import Pairing, scaled, turned_over
 from datasets.options import RecordingOptions
 from datasets.recording import Recording, in_blocks
 from datasets.scans.cleaning import KNOWN_CODES, RangeRules, find_no_return_code
-from datasets.scans.intake import RawScan, ScanIntake
+from datasets.scans.intake import ScanIntake
 from datasets.text_files import lines_of
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.sensing.laser_scan import FARTHEST_PLACE, LaserScan, Reading
-
-SCAN_KINDS = ("FLASER", "ROBOTLASER1", "RAWLASER1", "L")
-POSE_KINDS = ("ODOM", "O")
-# These lines state no limit. A SICK LMS measures up to 80 m; longer ranges are codes.
-SICK_RANGE_MAX = 80.0
-_LATEST = 1e11  # some thousand years [s]
-
-
-class LoggedScan(NamedTuple):
-    """A scan, the odometry of its line (if any) and the mount of the laser."""
-
-    raw: RawScan
-    T_odom_robot: SE2 | None
-    T_robot_sensor: SE2
-
-
-class LoggedPose(NamedTuple):
-    """A pose of the odometry and its time [s]."""
-
-    stamp: float
-    T_odom_robot: SE2
-
-
-class LogSettings(NamedTuple):
-    """Settings of a whole log: the mount of the laser, its limit, and the choice between the two times."""
-
-    laser_offset: float = 0.0
-    range_max: float = SICK_RANGE_MAX
-    logger_time: bool = False
-
-
-def scan_from(line: str, settings: LogSettings) -> LoggedScan:
-    """Read a line of one of `SCAN_KINDS`; ValueError or IndexError if it is cut off or of another kind."""
-    words = line.split()
-    return _SCAN_READERS[words[0]](words, settings)
-
-
-def pose_from(line: str, settings: LogSettings) -> LoggedPose:
-    """Read a line of one of `POSE_KINDS`; ValueError or IndexError if it is cut off."""
-    words = line.split()
-    pose = _pose(words[1:4])
-    if words[0] == "O":
-        return LoggedPose(_seconds(words[4]), _in_metres(pose))
-    return LoggedPose(_time(words, settings), pose)
-
-
-def _flaser(words: list[str], settings: LogSettings) -> LoggedScan:
-    """Read a front laser; its first pose may have been corrected by a mapper, the second is raw odometry."""
-    number = int(words[1])
-    rest = words[2 + number :]
-    angle_min, step = _fan(number)
-    raw = RawScan(_time(words, settings), angle_min, step, 0.0, settings.range_max, _ranges(words[2 : 2 + number]))
-    if len(rest) < 9:
-        raise ValueError(f"FLASER must end in two poses and times, got {len(rest)} words")
-    return LoggedScan(raw, _pose(rest[3:6]), SE2(settings.laser_offset, 0.0, 0.0))
-
-
-def _raw_laser(words: list[str], settings: LogSettings) -> LoggedScan:
-    """Read a laser that states its own geometry."""
-    raw, _ = _stated(words, settings)
-    return LoggedScan(raw, None, SE2(settings.laser_offset, 0.0, 0.0))
-
-
-def _robot_laser(words: list[str], settings: LogSettings) -> LoggedScan:
-    """Read a laser that states its own geometry and both poses."""
-    raw, rest = _stated(words, settings)
-    laser, robot = _pose(rest[0:3]), _pose(rest[3:6])
-    return LoggedScan(raw, robot, robot.inverse() @ laser)
-
-
-def _stated(words: list[str], settings: LogSettings) -> tuple[RawScan, list[str]]:
-    """Read the common part of RAWLASER1 and ROBOTLASER1; return it and the words behind the remissions."""
-    start, _, step, range_max = map(float, words[2:6])
-    number = int(words[8])
-    end = 9 + number
-    remissions = int(words[end])
-    scan = RawScan(_time(words, settings), start, step, 0.0, range_max, _ranges(words[9:end]))
-    return scan, words[end + 1 + remissions :]
-
-
-def _cmu_laser(words: list[str], settings: LogSettings) -> LoggedScan:
-    """Read a scan of CMU's course."""
-    robot, laser = _in_metres(_pose(words[1:4])), _in_metres(_pose(words[4:7]))
-    ranges = 0.01 * _ranges(words[7:-1])
-    angle_min, step = _fan(len(ranges))
-    raw = RawScan(_seconds(words[-1]), angle_min, step, 0.0, settings.range_max, ranges)
-    return LoggedScan(raw, robot, robot.inverse() @ laser)
-
-
-_SCAN_READERS: dict[str, Callable[[list[str], LogSettings], LoggedScan]] = {
-    "FLASER": _flaser,
-    "RAWLASER1": _raw_laser,
-    "ROBOTLASER1": _robot_laser,
-    "L": _cmu_laser,
-}
-
-
-def _pose(words: list[str]) -> SE2:
-    """Read a pose; ValueError if it is impossible, since compiled code would compute a memory address from it."""
-    x, y, theta = map(float, words)
-    pose = SE2(x, y, theta)
-    if not abs(pose.x) + abs(pose.y) + abs(pose.theta) <= FARTHEST_PLACE:
-        raise ValueError(f"pose must be finite and on earth, got {pose}")
-    return pose
-
-
-def _in_metres(pose: SE2) -> SE2:
-    """Return a pose that was stated in centimetres."""
-    return SE2(0.01 * pose.x, 0.01 * pose.y, pose.theta)
-
-
-def _seconds(word: str) -> float:
-    """Read a time; ValueError if it is impossible."""
-    seconds = float(word)
-    if not abs(seconds) <= _LATEST:
-        raise ValueError(f"time must be finite and of this age, got {word}")
-    return seconds
-
-
-def _fan(number: int) -> tuple[float, float]:
-    """Return first direction and step [rad] of a SICK that states neither: usually half a turn from the right.
-
-    180 or 181 beams have steps of 1 degree, 360 or 361 beams have steps of half a degree. 401 beams cover 100 degrees.
-    """
-    if number == 401:
-        return math.radians(-50.0), math.radians(0.25)
-    beams = number - number % 2
-    return math.radians(-90.0), math.radians(180.0 / beams) if beams else 0.0
-
-
-def _ranges(words: list[str]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Read ranges."""
-    return np.array([float(word) for word in words])
-
-
-def _time(words: list[str], settings: LogSettings) -> float:
-    """Return the time of a line of CARMEN: when its message was made, or when it was logged."""
-    return _seconds(words[-1] if settings.logger_time else words[-3])
-
+from tbmslam.sensing.laser_scan import LaserScan, Reading
 
 logger = logging.getLogger(__name__)
 
@@ -168,6 +30,7 @@ _MOST_SAMPLES = 2000
 _LARGEST_PARAMETER = 1000.0  # of places on a robot and limits of a laser [m]
 _OFFSET_PARAM = "robot_frontlaser_offset"
 _RANGE_PARAMS = ("robot_front_laser_max", "laser_front_laser_max")
+_UNTIMED = "the scans have no usable times, so they are taken as one second apart"
 
 
 @dataclass
@@ -188,6 +51,9 @@ def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
     survey = _surveyed(paths)
     kind = _kind(paths, survey, options)
     settings = _settings(survey, kind)
+    if kind == "RAWLASER1" and "ODOM" not in survey.numbers and options.odometry != "none":
+        logger.warning("%s: no line of ODOM holds odometry; continuing without it", paths[0])
+        options = replace(options, odometry="none")
     samples = _sampled(survey.samples[kind], settings)
     rules = _range_rules(samples, options, settings)
     recording = Recording(
@@ -197,6 +63,8 @@ def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
         survey.numbers[kind],
     )
     logger.info("%s: %s", recording.name, recording.description)
+    if settings.times == "none":
+        logger.warning("%s: %s", paths[0], _UNTIMED)
     return recording
 
 
@@ -244,9 +112,26 @@ def _settings(survey: _LogSurvey, kind: str) -> LogSettings:
     """Return the settings of the whole log."""
     range_max = next((survey.parameters[n] for n in _RANGE_PARAMS if n in survey.parameters), LogSettings().range_max)
     settings = LogSettings(survey.parameters.get(_OFFSET_PARAM, 0.0), range_max)
-    stamps = [scan.raw.stamp for scan in _sampled(survey.samples[kind], settings)]
-    useless = len(stamps) > 1 and (len(set(stamps)) == 1 or max(stamps) <= 0.0)
-    return settings._replace(logger_time=useless)
+    lines = survey.samples[kind]
+    for times in ("ipc", "logger", "none"):
+        settings = settings._replace(times=times)
+        scans = _sampled(lines, settings)
+        if scans and _tell_times([scan.raw.stamp for scan in scans]):
+            break
+    first = settings._replace(odometry="first")
+    is_first = kind == "FLASER" and _is_constant(scans) and not _is_constant(_sampled(lines, first))
+    return first if is_first else settings
+
+
+def _tell_times(stamps: list[float]) -> bool:
+    """Return whether stamps of scans, far apart in the log, are times: some are all zero, or were rounded to days."""
+    repeated = sum(stamp == after for stamp, after in pairwise(stamps))
+    return len(stamps) == 1 or (max(stamps) > 0.0 and 2 * repeated < len(stamps) - 1)
+
+
+def _is_constant(scans: list[LoggedScan]) -> bool:
+    """Return whether the odometry of several scans never changes."""
+    return len(scans) > 1 and len({scan.T_odom_robot for scan in scans}) == 1
 
 
 def _sampled(lines: list[str], settings: LogSettings) -> list[LoggedScan]:
@@ -305,7 +190,10 @@ def _readings(
                     counts.scans_read += 1
                     counts.drop("unreadable")
                     continue
-                scan = intake.take(logged.raw, next(cleaned))
+                raw = logged.raw
+                if settings.times == "none":
+                    raw = raw._replace(stamp=float(counts.scans_read))
+                scan = intake.take(raw, next(cleaned))
                 if scan is None:
                     continue
                 if options.odometry == "none" or logged.T_odom_robot is not None:
@@ -315,7 +203,7 @@ def _readings(
                     pairing.add(scan, scan.stamp)
                     yield from pairing.ready(scan.stamp)
             elif kind == "RAWLASER1" and line.startswith("ODOM "):
-                _add_pose(motion, line, settings)
+                _add_pose(motion, line, settings, counts.scans_read)
                 yield from pairing.ready(float("-inf"))
     yield from pairing.rest()
 
@@ -329,13 +217,14 @@ def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> 
     return Reading(scan, odometry, options.sensor_pose or logged.T_robot_sensor)
 
 
-def _add_pose(motion: TopicMotion, line: str, settings: LogSettings) -> None:
-    """Add a line of odometry, unless it is damaged."""
+def _add_pose(motion: TopicMotion, line: str, settings: LogSettings, number: int) -> None:
+    """Add a line of odometry before the scan of a number, unless it is damaged."""
     try:
         pose = pose_from(_with_points(line), settings)
     except (ValueError, IndexError):
         return
-    motion.add(pose.stamp, SE3.from_planar(pose.T_odom_robot))
+    stamp = float(number) if settings.times == "none" else pose.stamp
+    motion.add(stamp, SE3.from_planar(pose.T_odom_robot))
 
 
 def _description(
@@ -363,7 +252,8 @@ def _description(
         "angle_step_deg": step,
         "T_robot_sensor": list(sensor_pose),
         "upside_down": bool(options.upside_down),
-        "times": "logger" if settings.logger_time else "ipc",
+        "times": settings.times,
+        "clock_warning": _UNTIMED if settings.times == "none" else None,
         "range_min_m": rules.range_min,
         "range_offset_m": rules.offset,
         "range_max_m": rules.range_max or (first.raw.range_max if first is not None else settings.range_max),

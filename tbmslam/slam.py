@@ -1,30 +1,29 @@
 """The SLAM of one robot, from readings to a map."""
 
 import logging
-from array import array
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from tbmslam.angle_step import AngleStepTrial
 from tbmslam.back_end import BackEnd, OptimisedDrive
+from tbmslam.beam_order import BeamOrderTrial
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.calibration.laser_check import fit_laser, laser_warnings
 from tbmslam.configuration.slam_config import SlamConfig
-from tbmslam.front_end import FrontEnd, make_tracker
+from tbmslam.front_end import Placement
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.local_frame import LocalFrame
 from tbmslam.map.rendering import render
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.monitoring.drive_monitor import DriveMonitor
 from tbmslam.monitoring.drive_review import DriveReview, standing_warnings
+from tbmslam.monitoring.incidents import Incidents
 from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import Corrections, Reading
-from tbmslam.tracking.keyframe_buffer import KeyframeBuffer
-from tbmslam.tracking.tracked_keyframe import packed
+from tbmslam.tracked_drive import TrackedDrive
 
 logger = logging.getLogger(__name__)
 
@@ -47,8 +46,6 @@ class Slam:
 
     Attributes
     ----------
-    incidents
-        Problems of the drive with their times.
     correction_m
         Largest correction of the robot's position by loop closures and adjustment [m]; 0 if no loop was closed. Known
         when the map is finished.
@@ -68,21 +65,21 @@ class Slam:
         self.name = name
         self._progress = progress or Progress()
         self._start_stamp, self._corrections = start_stamp, corrections or Corrections()
-        self._monitor = DriveMonitor(self.config.blocked_beams, self.config.odometry_check)
-        self.incidents = self._monitor.incidents
-        self._front_end = FrontEnd(self.config, make_tracker(self.config))
         self._back_end = BackEnd(self.config)
-        self._buffer = KeyframeBuffer(self.config.forgetting)
-        # Plain numbers, three for each pose, since a day has millions of poses.
-        self._stamps, self._poses = array("d"), array("d")
-        self._frame = LocalFrame()
+        self._drive = TrackedDrive(self.config, self._back_end)
+        self._trial: BeamOrderTrial | AngleStepTrial | None = None
+
+    @property
+    def incidents(self) -> Incidents:
+        """Problems of the drive with their times."""
+        return self._drive.monitor.incidents
 
     @property
     def start_stamp(self) -> float:
         """Time zero of all messages [s]; 0 before the first reading if none was given."""
         if self._start_stamp is not None:
             return self._start_stamp
-        return self._stamps[0] if self._stamps else 0.0
+        return self._drive.stamps[0] if self._drive.stamps else 0.0
 
     def process(self, reading: Reading) -> SE2:
         """Register one reading, update the surfels, and return the robot's pose T_map_robot.
@@ -93,36 +90,31 @@ class Slam:
             The reading holds impossible numbers, see `Reading.check`.
         """
         reading.check()
-        self._monitor.reopen()
-        if not self._stamps:
-            self._frame = LocalFrame.around(reading.T_odom_robot)
-        reading = self._monitor.cleaned(self._frame.reading(reading))
-        placement = self._front_end.place(reading)
-        self._monitor.check(placement.scan, placement.match, placement.prior)
-        if self._front_end.is_keyframe(placement):
-            self._forget_where_full()
-            self._buffer.add(self._front_end.learn(placement, len(self._stamps)))
-            self._monitor.note_keyframe(reading, placement.T_map_robot)
-        self._stamps.append(placement.scan.stamp)
-        self._poses.extend(placement.T_map_robot)
-        return self._frame.pose_there(placement.T_map_robot)
+        if not self._drive.stamps:
+            self._trial = self._trial_of(reading)
+        placement = self._drive.add(reading)
+        if self._trial is not None:
+            placement = self._tried(self._trial, reading, placement)
+        return self._drive.frame.pose_there(placement.T_map_robot)
 
     def finish(self, provenance: Mapping[str, object] | None = None) -> TbmMap:
         """Close loops, adjust poses and wall lines, and render the map of all readings so far.
 
         The drive may continue and be finished again.
         """
-        self._monitor.reopen()
-        tracked = self._tracked_poses()
-        keyframes = self._packed(tracked)
+        if isinstance(self._trial, AngleStepTrial):
+            self._replaced_by(self._trial)
+        self._drive.monitor.reopen()
+        tracked = self._drive.poses()
+        keyframes = self._drive.keyframes(tracked)
         optimised = self._optimised(keyframes)
         poses = self._final_poses(tracked, optimised)
-        trajectory = Trajectory(np.array(self._stamps), poses)
+        trajectory = Trajectory(np.array(self._drive.stamps), poses)
         if optimised is not None:
             self._check_laser(keyframes, optimised)
         keyframes = replace(keyframes, poses=poses[keyframes.indices].reshape(-1, 3))
         self._review(trajectory, keyframes)
-        self._monitor.log(self.name, self.start_stamp)
+        self._drive.monitor.log(self.name, self.start_stamp)
         with self._progress.during("rendering"):
             grid = self._rendered(keyframes)
         counts = len(trajectory), len(keyframes)
@@ -130,18 +122,40 @@ class Slam:
         drive = Drive(self.name, trajectory, keyframes)
         if optimised is not None:
             drive = replace(drive, closures=optimised.closed_pairs(), motions=optimised.motions)
-        return self._frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
+        return self._drive.frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
+
+    def _trial_of(self, reading: Reading) -> BeamOrderTrial | AngleStepTrial | None:
+        """Return the trial of another way to read the scans, if the first reading gives reason for one."""
+        order = BeamOrderTrial.of(reading, self.config, self._back_end)
+        if order is not None or self._corrections.angle_step:
+            return order
+        return AngleStepTrial.of(reading, self.config, self._back_end)
+
+    def _tried(self, trial: BeamOrderTrial | AngleStepTrial, reading: Reading, placement: Placement) -> Placement:
+        """Continue a trial with a reading; return its placement in the drive that is used from now on."""
+        other = trial.observe(reading, placement)
+        if not trial.is_decided():
+            return placement
+        self._trial = None
+        return other if self._replaced_by(trial) else placement
+
+    def _replaced_by(self, trial: BeamOrderTrial | AngleStepTrial) -> bool:
+        """Return whether the trial's drive fits better and replaces the current one."""
+        if not trial.is_better():
+            return False
+        self._drive, self._trial = trial.rival, None
+        return True
 
     def _optimised(self, keyframes: Keyframes) -> OptimisedDrive | None:
         """Return the drive after loop closures and adjustment; None if both are disabled."""
-        drive = self._back_end.closed(self._buffer.keyframes, keyframes, self._progress)
+        drive = self._back_end.closed(self._drive.buffer.keyframes, keyframes, self._progress)
         return None if drive is None else self._back_end.adjusted(drive, self._progress)
 
     def _final_poses(self, tracked: FloatArray, optimised: OptimisedDrive | None) -> FloatArray:
         """Return the poses (N, 3) of the robot at all readings, by the tracked poses (N, 3)."""
         if optimised is None:
             return tracked
-        poses = self._buffer.corrected(tracked, optimised.poses)
+        poses = self._drive.buffer.corrected(tracked, optimised.poses)
         if optimised.closures:  # without closures, the drift is unknown
             self.correction_m = float(np.hypot(*(poses - tracked)[:, :2].T).max(initial=0.0))
         return poses
@@ -156,37 +170,22 @@ class Slam:
         if errors is not None:
             doubts = laser_warnings(errors, keyframes, config.laser_check, self._corrections.range_offset)
             for subject, message in doubts.items():
-                self._monitor.warn_of_whole_drive(subject, message, self.start_stamp)
+                self._drive.monitor.warn_of_whole_drive(subject, message, self.start_stamp)
 
     def _review(self, trajectory: Trajectory, keyframes: Keyframes) -> None:
         """Check the whole drive, with keyframes at their final poses and as they were tracked, and warn."""
         config, scale = self.config, self._corrections.odometry_scale
         review = DriveReview(config.mount_check, config.odometry_check, self.start_stamp, scale)
-        warnings = review.warnings(trajectory, keyframes, self._buffer.keyframes)
-        if "angles" in self._monitor.whole_drive_warnings:  # wrong angles also rotate all of the view
+        warnings = review.warnings(trajectory, keyframes, self._drive.buffer.keyframes)
+        if self._drive.finding is not None:
+            self._drive.monitor.warn_of_whole_drive("reading", self._drive.finding, self.start_stamp)
+        if "angles" in self._drive.monitor.whole_drive_warnings:  # wrong angles also rotate all of the view
             warnings = [warning for warning in warnings if warning.subject != "mount"]
         if config.tracker.kind == "surfels":  # other trackers draw every scan
             warnings += standing_warnings(trajectory, keyframes)
-        self._monitor.warn_at_end(warnings, self.start_stamp)
-
-    def _forget_where_full(self) -> None:
-        """Remove redundant keyframes if there are too many."""
-        if self._buffer.is_full():
-            keyframes = self._packed(self._tracked_poses())
-            drive = self._back_end.closed(self._buffer.keyframes, keyframes, Progress())
-            if drive is not None:
-                self._buffer.forget(drive.poses, drive.closures)
-
-    def _tracked_poses(self) -> FloatArray:
-        """Return the poses (N, 3) of the robot as they were tracked."""
-        return np.array(self._poses).reshape(-1, 3)
-
-    def _packed(self, poses: FloatArray) -> Keyframes:
-        """Return the keyframes with poses (N, 3) of the robot, without beams that are known to be blocked."""
-        kept = self._monitor.cleared_keyframes(self._buffer.keyframes)
-        return packed(kept, poses[[keyframe.index for keyframe in kept]].reshape(-1, 3))
+        self._drive.monitor.warn_at_end(warnings, self.start_stamp)
 
     def _rendered(self, keyframes: Keyframes) -> TbmGrid:
         """Return the grid of the tracker, or a grid of the keyframes at their final poses."""
-        grid = self._front_end.grid()
+        grid = self._drive.front_end.grid()
         return render([keyframes], self.config.map) if grid is None else grid

@@ -12,8 +12,8 @@ from datasets.counts import ReadingCounts
 from datasets.scans.cleaning import FATES, RangeRules, clean_ranges
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.sensing.stretched_angles import round_step_deg
 
-_ROUND_STEPS_DEG = (0.25, 0.5, 1.0)
 _MORE_THAN_A_TURN_DEG = 360.5
 """Angle from the first beam to the last; for some lasers both have the same direction."""
 _LEAST_FAN = 30.0
@@ -28,8 +28,8 @@ def are_degrees(beams: int, angle_increment: float) -> bool:
 def angle_warning(beams: int, angle_increment: float) -> str | None:
     """Return a warning if a stated angle step [rad] looks wrong, else None.
 
-    Converters of old logs wrote 180 beams "from -90 to 90 degrees", so they state steps of 180/179 degrees for lasers
-    with steps of exactly 1 degree. Simulated lasers have such steps, so the step is not corrected.
+    Steps that may have been stretched (see `tbmslam.sensing.stretched_angles`) are not corrected here, since simulated
+    lasers have such steps.
     """
     if beams < 2:
         return None
@@ -44,12 +44,12 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
             f"the scans state {beams} beams {step:.4f} degrees apart, more than a turn: if these span one turn, pass "
             f"--angle-step-deg {360.0 / beams:.6g}"
         )
-    for true_step in _ROUND_STEPS_DEG:
-        if abs(fan - true_step * beams) < 0.02 * true_step:
-            return (
-                f"the scans state {beams} beams {step:.4f} degrees apart; real lasers have steps of {true_step:g} "
-                f"degrees: for a real laser pass --angle-step-deg {true_step:g}"
-            )
+    true_step = round_step_deg(beams, angle_increment)
+    if true_step is not None:
+        return (
+            f"the scans state {beams} beams {step:.4f} degrees apart; real lasers have steps of {true_step:g} "
+            f"degrees: the step that fits better is used; if you know it, pass --angle-step-deg {true_step:g}"
+        )
     return None
 
 

@@ -1,7 +1,7 @@
 """Measurements of a robot: laser scans, and its pose by odometry."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +63,11 @@ class LaserScan:
         # dataclasses.replace takes several times as long, and some robots need this for every scan.
         limits = self.angle_min, self.angle_increment, self.range_min, self.range_max
         return LaserScan(self.stamp, *limits, ranges, self.time_increment, self.beam_step)
+
+    def backwards(self) -> "LaserScan":
+        """Return the same scan with its beams from the last to the first, as if they were measured in that order."""
+        last = self.angle_min + (len(self.ranges) - 1) * self.angle_increment
+        return replace(self, angle_min=last, angle_increment=-self.angle_increment, ranges=self.ranges[::-1].copy())
 
     def sweep(self) -> float:
         """Return the time from the first beam to the last [s]; 0 if unknown."""
@@ -148,3 +153,5 @@ class Corrections(NamedTuple):
     """Added to every range that was measured [m]."""
     odometry_scale: float = 1.0
     """Factor by which the lengths of the odometry were multiplied."""
+    angle_step: bool = False
+    """Whether the user stated the angle between beams."""

@@ -2,11 +2,13 @@ import bz2
 import gzip
 import lzma
 import math
+import re
 
 import numpy as np
 import pytest
 
 from datasets import DatasetError, RecordingOptions, open_recording
+from datasets.recording import recording_warnings
 from datasets.text_files import lines_of
 from tbmslam.geometry.se2 import SE2
 
@@ -94,6 +96,17 @@ def test_raw_laser_takes_odometry_from_odom(tmp_path):
     assert readings[0].T_robot_sensor == SE2(0.25, 0.0, 0.0)
 
 
+def test_a_raw_laser_without_odometry(tmp_path, caplog):
+    text = "".join(robot_laser(k, "RAWLASER1") for k in range(10))
+    readings, recording = read(tmp_path / "run.log", text)
+    assert [reading.T_odom_robot for reading in readings] == [None] * 10
+    assert recording.description["odometry"] == "none"
+    assert "no line of ODOM holds odometry; continuing without it" in caplog.text
+    caplog.clear()
+    read(tmp_path / "run.log", text, odometry="none")
+    assert "ODOM" not in caplog.text
+
+
 def test_the_kind_of_line_can_be_chosen(tmp_path):
     text = "".join(flaser(k) + robot_laser(k) for k in range(3))
     assert read(tmp_path / "run.log", text)[1].description["scan_topic"] == "FLASER"
@@ -107,6 +120,49 @@ def test_logger_time_where_the_other_is_useless(tmp_path):
     readings, recording = read(tmp_path / "run.log", text)
     assert readings[0].scan.stamp == pytest.approx(0.2)
     assert recording.description["times"] == "logger"
+
+
+@pytest.mark.parametrize(
+    "tail", ["0 host 0", "1.01893e+09 host 1.01893e+09", "-3 host -3", "0 host 1.1e9", "host 0", ""]
+)
+def test_scans_without_times_are_a_second_apart(tmp_path, tail, caplog):
+    text = "".join(flaser(k, tail=tail) for k in range(2500))
+    readings, recording = read(tmp_path / "run.log", text.replace("FLASER 180", "FLASER 280", 1))
+    assert [reading.scan.stamp for reading in readings] == list(range(1, 2500)), "the first line is damaged"
+    assert [reading.T_odom_robot.x for reading in readings[:3]] == pytest.approx([0.1, 0.2, 0.3])
+    assert recording.description["times"] == "none"
+    assert "the scans have no usable times" in caplog.text
+    assert "the scans have no usable times" in recording_warnings(recording)[-1]
+
+
+def test_few_times_are_no_times(tmp_path):
+    tails = ["0.5 host 0.5", "0.9 host 0.9"] + 48 * ["4.29497e+09 host 4.29497e+09"]  # a time before zero wrapped
+    text = "".join(10 * flaser(k, tail=tail) for k, tail in enumerate(tails))
+    assert read(tmp_path / "run.log", text)[1].description["times"] == "none"
+
+
+def test_a_logger_time_alone(tmp_path):
+    readings, recording = read(tmp_path / "run.log", "".join(flaser(k, tail="host {logger:.6f}") for k in range(1, 40)))
+    assert [reading.scan.stamp for reading in readings[:2]] == pytest.approx([0.2, 0.4])
+    assert recording.description["times"] == "logger"
+
+
+def test_odometry_without_times_belongs_to_the_next_scan(tmp_path):
+    text = ""
+    for k in range(30):
+        lines = [odom(1000.0, k - 0.5), odom(1000.0, float(k)), robot_laser(k, "RAWLASER1")]
+        text += "".join(re.sub(r"\S+ host \S+$", "0 host 0", line.rstrip()) + "\n" for line in lines)
+    readings, recording = read(tmp_path / "run.log", text)
+    assert recording.description["times"] == "none"
+    assert [reading.T_odom_robot.x for reading in readings] == pytest.approx(list(range(30)))
+
+
+@pytest.mark.parametrize(("first", "expected"), [("{x} 0 0.5", 0.3), ("7 0 0.5", 0.0)])
+def test_the_first_pose_where_the_second_never_changes(tmp_path, first, expected):
+    ranges = " ".join(["2.0"] * 180)
+    lines = [f"FLASER 180 {ranges} {first.format(x=0.1 * k)} 0 0 0 {k} host {k}\n" for k in range(1, 40)]
+    readings, _ = read(tmp_path / "run.log", "".join(lines))
+    assert readings[2].T_odom_robot.x == pytest.approx(expected)
 
 
 def test_damaged_lines_are_counted(tmp_path):

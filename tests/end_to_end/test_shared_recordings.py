@@ -117,10 +117,16 @@ def test_no_correctly_described_laser_causes_a_warning(shared_data, mapped, name
 
 
 @pytest.mark.parametrize("name", ["aces", "intel"])
-def test_angles_that_the_converter_stretched_cause_a_warning(shared_data, tmp_path, name):
-    (folder,) = map_folders(build(tmp_path, shared_data / FOLDERS[name][0]))
-    (told,) = [one for one in json.loads((folder / "run.json").read_text())["warnings"] if " fit best where " in one]
-    assert told.endswith(" degrees apart, not 1.0056: try --angle-step-deg 1")
+@pytest.mark.parametrize("stated", [(), ("--angle-step-deg", 180 / 179)], ids=["found out", "stated"])
+def test_angles_that_the_converter_stretched(shared_data, tmp_path, name, stated):
+    """They are undone, unless the user states them: then a warning tells of them."""
+    (folder,) = map_folders(build(tmp_path, shared_data / FOLDERS[name][0], *stated))
+    warnings = json.loads((folder / "run.json").read_text())["warnings"]
+    (told,) = [one for one in warnings if " fit best where " in one or " fit better where " in one]
+    if stated:
+        assert told.endswith(" degrees apart, not 1.0056: try --angle-step-deg 1")
+    else:
+        assert told.endswith("scans fit better where beams are 1 degrees apart, not 1.0056: they are read so")
 
 
 @pytest.mark.parametrize(("is_known", "least", "most"), [(True, 0.0, 0.1), (False, 0.1, 20.0)])

@@ -21,6 +21,14 @@ def test_an_upside_down_laser_turns_the_other_way():
     np.testing.assert_allclose(points, [[0.0, 1.0], [0.0, -1.0]], atol=1e-12)
 
 
+def test_backwards_the_beams_stay_where_they_are():
+    forwards = scan([1.0, np.inf, 2.0, 3.0])
+    backwards = forwards.backwards()
+    np.testing.assert_allclose(backwards.hit_points(), forwards.hit_points()[::-1], atol=1e-12)
+    assert backwards.ranges.flags["C_CONTIGUOUS"]
+    assert backwards.backwards().angle_min == pytest.approx(forwards.angle_min)
+
+
 def test_only_finite_ranges_hit():
     np.testing.assert_array_equal(scan([1.0, np.inf, np.nan, 2.0]).is_hit(), [True, False, False, True])
 
