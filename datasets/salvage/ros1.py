@@ -165,12 +165,7 @@ def salvage_ros1(path: Path, reason: str) -> SalvagedBag:
         if len(buffer) < scan.index_place < _MOST_MISSING * len(buffer) and scan.has_whole:
             scan.holes = [hole for hole in scan.holes if hole.after < len(entries)]
             scan.holes.append(Hole(len(entries), scan.missing(entries[:, 4])))
-    known = entries[np.isin(entries[:, 1], list(scan.connections))]
-    connections = [
-        connection._replace(msgcount=int((known[:, 1] == connection.id).sum()))
-        for connection in scan.connections.values()
-    ]
-    return SalvagedBag(path, reason, connections, known, tuple(scan.holes), _Blocks(path))
+    return SalvagedBag.of(path, reason, scan.connections.values(), entries, scan.holes, _Blocks(path))
 
 
 class _Scan:
@@ -258,7 +253,7 @@ class _Scan:
         msgtype = normalize_msgtype(fields[b"type"].decode("utf-8", "replace"))
         digest = fields.get(b"md5sum", b"*").decode("utf-8", "replace")
         number = record.number(b"conn")
-        self.connections.setdefault(number, BagConnection(number, topic, msgtype, digest, 0))
+        self.connections.setdefault(number, BagConnection(number, topic, msgtype, digest))
 
 
 class _Blocks:
