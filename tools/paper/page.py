@@ -11,7 +11,7 @@ from merging.experiments.published import TABLE_2, half_interval, half_width, ta
 from merging.registration.features import Channels
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.io.pictures import encode_png
-from tbmslam.report.page import Picture, Table
+from tbmslam.report.page import Picture, Table, render
 
 COLOURS = {"a": "#0072B2", "b": "#D55E00", "c": "#009E73", "d": "#CC79A7", "e": "#7A7A7A"}
 _PAPER_PAIRS = 10
@@ -179,9 +179,4 @@ class Section:
 
 def paper_page(title: str, lead: Sequence[str], sections: Sequence[Section]) -> str:
     """Return the page with all texts escaped."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    return environment.from_string(_TEMPLATE).render(title=title, lead=lead, sections=sections)
+    return render(_TEMPLATE, title=title, lead=lead, sections=sections)
