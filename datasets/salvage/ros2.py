@@ -43,10 +43,10 @@ def has_full_index(path: Path) -> bool:
         return False
     statistics, chunks = summary.statistics, summary.chunk_indexes
     indexed = sum(chunk.message_index_length - _INDEX_HEAD * len(chunk.message_index_offsets) for chunk in chunks)
-    return indexed == _INDEX_ENTRY * statistics.message_count and _names_all(statistics, summary)
+    return indexed == _INDEX_ENTRY * statistics.message_count and _describes_all(statistics, summary)
 
 
-def _names_all(statistics: Statistics, summary: Summary) -> bool:
+def _describes_all(statistics: Statistics, summary: Summary) -> bool:
     """Return whether the statistics count the messages of each channel, and the summary describes each channel."""
     counts, channels = statistics.channel_message_counts, summary.channels
     if sum(counts.values()) != statistics.message_count or not counts.keys() <= channels.keys():
@@ -90,7 +90,7 @@ class _Scan:
                 return
             following = position + _HEAD.size + length
             inside = _CHUNK.match(self._buffer, position)
-            if 0 < opcode < Opcode.DATA_END and following <= end and self._take(opcode, position):
+            if 0 < opcode < Opcode.DATA_END and following <= end and self._add_record(opcode, position):
                 position = following
             elif inside is not None and inside[2] == _NOT_COMPRESSED:
                 position = inside.end()  # so that its records are read up to the damage
@@ -99,7 +99,7 @@ class _Scan:
                 self.holes.append(Hole(len(self.entries) // 5, following - position))
                 position = following
 
-    def _take(self, opcode: int, position: int) -> bool:
+    def _add_record(self, opcode: int, position: int) -> bool:
         """Add a record; return whether it is valid."""
         if opcode not in _WANTED:
             return True
@@ -235,7 +235,7 @@ class _Pages:
         """Return a row's bytes, from its page and its chain of overflow pages."""
         if not 0 < length <= _LONGEST:
             return None
-        here = self._kept_in_page(length)
+        here = self._size_in_page(length)
         parts = [self._buffer[start : start + here]]
         left, place = length - here, start + here
         while left > 0:
@@ -247,7 +247,7 @@ class _Pages:
         payload = b"".join(parts)
         return payload if len(payload) == length else None
 
-    def _kept_in_page(self, length: int) -> int:
+    def _size_in_page(self, length: int) -> int:
         """Return the number of bytes of a payload in the leaf itself."""
         most = self._usable - 35
         if length <= most:
