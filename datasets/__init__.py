@@ -3,8 +3,9 @@
 Each name below is loaded when it is first used, so that the list of recordings is read without compiled code.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from tbmslam.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from datasets.counts import ReadingCounts
@@ -15,22 +16,13 @@ if TYPE_CHECKING:
 
 __all__ = ["DatasetError", "ReadingCounts", "Recording", "RecordingOptions", "open_recording"]
 
-_HOMES = {
-    "DatasetError": "errors",
-    "ReadingCounts": "counts",
-    "Recording": "recording",
-    "RecordingOptions": "options",
-    "open_recording": "opening",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Load a name at its first use."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """Return the names for completion."""
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "DatasetError": ".errors",
+        "ReadingCounts": ".counts",
+        "Recording": ".recording",
+        "RecordingOptions": ".options",
+        "open_recording": ".opening",
+    },
+)

@@ -3,8 +3,9 @@
 The names below are the interface for notebooks. Each is loaded at its first use.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from tbmslam.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from merging.alignment import Alignment
@@ -13,16 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Alignment", "Merge", "MergeConfig", "align", "merge"]
 
-_HOMES = {"Alignment": "alignment", "Merge": "merger", "MergeConfig": "config", "align": "merger", "merge": "merger"}
-
-
-def __getattr__(name: str) -> object:
-    """Load a name at its first use: a program that needs only the parameters does not load the methods."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"merging.{_HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """Return the names for completion."""
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {"Alignment": ".alignment", "Merge": ".merger", "MergeConfig": ".config", "align": ".merger", "merge": ".merger"},
+)

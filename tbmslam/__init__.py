@@ -4,8 +4,10 @@ The names below are the interface for notebooks. Each is loaded at its first use
 package `datasets`, which an installed wheel has as `tbmslam.datasets`.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from datasets import __name__ as _datasets
+from tbmslam.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from datasets.opening import open_recording
@@ -35,32 +37,21 @@ __all__ = [
     "save_map",
 ]
 
-_HOMES = {
-    "SE2": "geometry.se2",
-    "LaserScan": "sensing.laser_scan",
-    "Reading": "sensing.laser_scan",
-    "Slam": "slam",
-    "SlamConfig": "configuration.slam_config",
-    "TbmGrid": "belief.grid",
-    "TbmMap": "map.tbm_map",
-    "TbmSlamError": "errors",
-    "load_map": "io.map_folder",
-    "preset": "configuration.slam_config",
-    "save_map": "io.map_folder",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Load a name at its first use, so that programs that need only an error's class do not load compiled code."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"tbmslam.{_HOMES[name]}"), name)
-    if name in ("open_recording", "RecordingOptions"):
-        from datasets import RecordingOptions, open_recording  # noqa: PLC0415
-
-        return {"open_recording": open_recording, "RecordingOptions": RecordingOptions}[name]
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    """Return the names for completion."""
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "SE2": ".geometry.se2",
+        "LaserScan": ".sensing.laser_scan",
+        "Reading": ".sensing.laser_scan",
+        "RecordingOptions": f"{_datasets}.options",
+        "Slam": ".slam",
+        "SlamConfig": ".configuration.slam_config",
+        "TbmGrid": ".belief.grid",
+        "TbmMap": ".map.tbm_map",
+        "TbmSlamError": ".errors",
+        "load_map": ".io.map_folder",
+        "open_recording": f"{_datasets}.opening",
+        "preset": ".configuration.slam_config",
+        "save_map": ".io.map_folder",
+    },
+)

@@ -93,7 +93,7 @@ def _run(args: argparse.Namespace) -> None:
         )
     print(f"all pairs, by models fitted without their buildings\n{calibration_table(judged, BINS)}")
     if args.plot:
-        write_bytes(args.plot, draw_calibration([(pair.confidence, pair.right) for pair in judged], BINS))
+        write_bytes(args.plot, draw_calibration(judged, BINS))
     if args.out:
         write_text(args.out, fit_model(trials).as_json())
 

@@ -1,7 +1,7 @@
 """The confidence model: its fit to pairs of maps with known truth, and its calibration as a table and a plot."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -73,15 +73,21 @@ def acceptance_table(judged: Sequence[Judgement]) -> str:
     return text_table(head, rows)
 
 
-def calibration_table(judged: Sequence[Judged], edges: Sequence[float]) -> str:
-    """Return a table of the share of right answers in bins of confidence."""
-    rows = []
+def _bins(judged: Sequence[Judged], edges: Sequence[float]) -> Iterator[tuple[float, float, float, int, int]]:
+    """Yield the bounds and the mean of confidence, the right answers and all answers of each bin that has any."""
     for low, high in itertools.pairwise(edges):
         inside = [item for item in judged if low <= item.confidence < high or high == item.confidence == edges[-1]]
         if inside:
             given = float(np.mean([item.confidence for item in inside]))
-            share = sum(item.right for item in inside) / len(inside)
-            rows.append([f"{low:.2f} to {high:.2f}", str(len(inside)), f"{given:.3f}", f"{share:.3f}"])
+            yield low, high, given, sum(item.right for item in inside), len(inside)
+
+
+def calibration_table(judged: Sequence[Judged], edges: Sequence[float]) -> str:
+    """Return a table of the share of right answers in bins of confidence."""
+    rows = [
+        [f"{low:.2f} to {high:.2f}", str(pairs), f"{given:.3f}", f"{right / pairs:.3f}"]
+        for low, high, given, right, pairs in _bins(judged, edges)
+    ]
     return text_table(["confidence", "pairs", "given, mean", "right, share"], rows)
 
 
@@ -89,7 +95,7 @@ _SIZE, _MARGIN = 480, 60
 _BLACK, _GREY, _BLUE = (0, 0, 0), (190, 190, 190), (178, 114, 0)
 
 
-def draw_calibration(judged: Sequence[tuple[float, bool]], edges: Sequence[float]) -> bytes:
+def draw_calibration(judged: Sequence[Judged], edges: Sequence[float]) -> bytes:
     """Return a PNG with a dot for each bin of confidence: its share of right answers with the 95 % interval."""
     picture = np.full((_SIZE + 2 * _MARGIN, _SIZE + 2 * _MARGIN, 3), 255, dtype=np.uint8)
     cv2.rectangle(picture, _pixel(0.0, 0.0), _pixel(1.0, 1.0), _BLACK, 1)
@@ -99,16 +105,12 @@ def draw_calibration(judged: Sequence[tuple[float, bool]], edges: Sequence[float
         _write(picture, f"{tick:g}", (_MARGIN - 38, _pixel(0.0, tick)[1] + 5))
     _write(picture, "confidence given", (_MARGIN + _SIZE // 2 - 70, _SIZE + _MARGIN + 45))
     _write(picture, "share that is right", (_MARGIN, _MARGIN - 15))
-    for low, high in itertools.pairwise(edges):
-        inside = [(p, right) for p, right in judged if low <= p < high or (high == edges[-1] and p == high)]
-        if inside:
-            given = float(np.mean([p for p, _ in inside]))
-            right = sum(right for _, right in inside)
-            interval = binomtest(right, len(inside)).proportion_ci(method="wilson")
-            share = right / len(inside)
-            cv2.line(picture, _pixel(given, interval.low), _pixel(given, interval.high), _BLUE, 1, cv2.LINE_AA)
-            cv2.circle(picture, _pixel(given, share), 5, _BLUE, -1, cv2.LINE_AA)
-            _write(picture, str(len(inside)), (_pixel(given, share)[0] + 8, _pixel(given, share)[1] + 14))
+    for _, _, given, right, pairs in _bins(judged, edges):
+        interval = binomtest(right, pairs).proportion_ci(method="wilson")
+        x, y = _pixel(given, right / pairs)
+        cv2.line(picture, _pixel(given, interval.low), _pixel(given, interval.high), _BLUE, 1, cv2.LINE_AA)
+        cv2.circle(picture, (x, y), 5, _BLUE, -1, cv2.LINE_AA)
+        _write(picture, str(pairs), (x + 8, y + 14))
     return encode_png(picture)
 
 

@@ -156,6 +156,7 @@ def _report(
     settings: "PaperSettings",
     results: "PaperResults",
 ) -> str:
+    from tbmslam.report.page import Table
     from tools.command_line.text_table import describe_machine
     from tools.paper.feature_sections import conclusions, curve_section, detector_section, modification_section
     from tools.paper.merge_sections import (
@@ -165,7 +166,7 @@ def _report(
         merged_section,
         transform_section,
     )
-    from tools.paper.page import PaperTable, Section, paper_page
+    from tools.paper.page import Section, paper_page
 
     made = "recordings that were given" if args.recordings else f"simulated drives through one building ({args.world})"
     source = f"maps from {args.maps}" if args.maps else f"maps of {made}, made by the preset {args.preset}"
@@ -197,7 +198,7 @@ def _report(
         duration_section(results),
         halves_section(results),
         merged_section(pairs, results),
-        Section("Settings", [f"Command: {command}"], [PaperTable("Exact settings", ["parameter", "value"], rows)]),
+        Section("Settings", [f"Command: {command}"], [Table("Exact settings", ["parameter", "value"], rows)]),
     ]
     return paper_page("The paper's experiments, repeated", lead, sections)
 

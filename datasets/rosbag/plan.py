@@ -67,11 +67,11 @@ class Plan:
         return (self.topics.scan, *(name for name in transforms if not is_static(name)), *odometry)
 
 
-def plan_reading(files: BagFiles, asked: RecordingOptions) -> Plan:
+def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
     """Read the beginning of a bag and plan how to read all of it."""
-    if asked.odometry == "auto" and asked.odometry_topic is not None:
-        asked = replace(asked, odometry="topic")
-    options = with_profile(asked, files.topics)
+    if options.odometry == "auto" and options.odometry_topic is not None:
+        options = replace(options, odometry="topic")
+    options = with_profile(options, files.topics)
     topics = choose_topics(files, options)
     files.check_for_robots(topics.scan)
     cut = None

@@ -80,7 +80,7 @@ def next_record(buffer: Buffer, position: int, kinds: Collection[int] = tuple(_N
     """Return the position of the next record of some kinds; the end of the buffer if there is none."""
     mark = buffer.find(_MARK, position)
     while mark >= 0:
-        for start in _short_lengths(buffer, max(position, mark - _LONGEST_HEADER), mark - 4):
+        for start in _possible_headers(buffer, max(position, mark - _LONGEST_HEADER), mark - 4):
             length = _uint32(buffer, start)
             if length is not None and start + 4 + length >= mark + len(_MARK):
                 record = record_at(buffer, start)
@@ -93,7 +93,7 @@ def next_record(buffer: Buffer, position: int, kinds: Collection[int] = tuple(_N
     return len(buffer)
 
 
-def _short_lengths(buffer: Buffer, first: int, last: int) -> Iterator[int]:
+def _possible_headers(buffer: Buffer, first: int, last: int) -> Iterator[int]:
     """Yield positions of possible header lengths (numbers below 65536), from the last to the first."""
     window = buffer[first : last + 4]
     found = window.rfind(_ZEROS, 2)
@@ -162,15 +162,10 @@ def salvage_ros1(path: Path, reason: str) -> SalvagedBag:
         scan = _Scan()
         scan.read(buffer, buffer.find(b"\n") + 1, _FILE)
         entries = np.frombuffer(scan.entries, dtype=np.int64).reshape(-1, 5)
-        if len(buffer) < scan.index_place < _MOST_MISSING * len(buffer) and scan.has_whole:
+        if len(buffer) < scan.index_place < _MOST_MISSING * len(buffer) and scan.has_complete:
             scan.holes = [hole for hole in scan.holes if hole.after < len(entries)]
             scan.holes.append(Hole(len(entries), scan.missing(entries[:, 4])))
-    known = entries[np.isin(entries[:, 1], list(scan.connections))]
-    connections = [
-        connection._replace(msgcount=int((known[:, 1] == connection.id).sum()))
-        for connection in scan.connections.values()
-    ]
-    return SalvagedBag(path, reason, connections, known, tuple(scan.holes), _Blocks(path))
+    return SalvagedBag.of(path, reason, scan.connections.values(), entries, scan.holes, _Blocks(path))
 
 
 class _Scan:
@@ -181,7 +176,7 @@ class _Scan:
         self.connections: dict[int, BagConnection] = {}
         self.holes: list[Hole] = []
         self.index_place = 0
-        self._read_whole = (0, 0)
+        self._last_complete = (0, 0)
 
     def __len__(self) -> int:
         return len(self.entries) // 5
@@ -196,20 +191,20 @@ class _Scan:
                     self.holes.append(Hole(len(self), found - position))
                 position = found
             else:
-                position = self._take(buffer, record, position, block)
+                position = self._add_record(buffer, record, position, block)
 
     @property
-    def has_whole(self) -> bool:
+    def has_complete(self) -> bool:
         """Whether any message or chunk is complete, so that losses can be estimated."""
-        return self._read_whole[0] > 0
+        return self._last_complete[0] > 0
 
     def missing(self, sizes: npt.NDArray[np.int64]) -> int:
         """Return the estimated number of missing bytes of messages of a cut file, by its readable part."""
-        place, count = self._read_whole
+        place, count = self._last_complete
         each = int(sizes[:count].sum()) / max(place, 1)
         return max(round(each * (self.index_place - place)) - int(sizes[count:].sum()), 0)
 
-    def _take(self, buffer: Buffer, record: Record, position: int, block: int) -> int:
+    def _add_record(self, buffer: Buffer, record: Record, position: int, block: int) -> int:
         """Add a record; return the position of the next record."""
         complete = record.end <= len(buffer)
         if record.op == MESSAGE:
@@ -220,21 +215,21 @@ class _Scan:
             size = record.end - record.start
             self.entries.extend((record.time_ns(), record.number(b"conn"), block, record.start, size))
             if block == _FILE:
-                self._read_whole = (record.end, len(self))
-            if not _fits(buffer, record.end):
+                self._last_complete = (record.end, len(self))
+            if not _is_record_or_end(buffer, record.end):
                 found = next_record(buffer, record.start)
                 self.holes.append(Hole(len(self), max(found - record.end, 1)))
                 return found
         elif record.op == CHUNK:
-            return self._enter(buffer, record, position)
+            return self._read_chunk(buffer, record, position)
         elif record.op == CONNECTION and complete:
-            self._connect(record, bytes(buffer[record.start : record.end]))
+            self._add_connection(record, bytes(buffer[record.start : record.end]))
         elif record.op == BAG_HEADER:
             self.index_place = record.number(b"index_pos")
         # Records of other kinds may have wrong lengths, as in bags of 2010, without a loss of messages.
-        return record.end if _fits(buffer, record.end) else next_record(buffer, record.start)
+        return record.end if _is_record_or_end(buffer, record.end) else next_record(buffer, record.start)
 
-    def _enter(self, buffer: Buffer, chunk: Record, position: int) -> int:
+    def _read_chunk(self, buffer: Buffer, chunk: Record, position: int) -> int:
         """Read a chunk; return the position of the next record, which is inside of an uncompressed chunk."""
         if chunk.fields[b"compression"] == b"none":
             return chunk.start
@@ -244,11 +239,11 @@ class _Scan:
         if len(content) < stated:
             self.holes.append(Hole(len(self), stated - len(content)))
         else:
-            self._read_whole = (chunk.end, len(self))
+            self._last_complete = (chunk.end, len(self))
         # Compressed data contain no messages.
-        return chunk.end if _fits(buffer, chunk.end) else next_record(buffer, chunk.start, (CHUNK, INDEX))
+        return chunk.end if _is_record_or_end(buffer, chunk.end) else next_record(buffer, chunk.start, (CHUNK, INDEX))
 
-    def _connect(self, record: Record, data: bytes) -> None:
+    def _add_connection(self, record: Record, data: bytes) -> None:
         """Add a connection."""
         fields = fields_of(data)
         if fields is None or b"type" not in fields:
@@ -258,7 +253,7 @@ class _Scan:
         msgtype = normalize_msgtype(fields[b"type"].decode("utf-8", "replace"))
         digest = fields.get(b"md5sum", b"*").decode("utf-8", "replace")
         number = record.number(b"conn")
-        self.connections.setdefault(number, BagConnection(number, topic, msgtype, digest, 0))
+        self.connections.setdefault(number, BagConnection(number, topic, msgtype, digest))
 
 
 class _Blocks:
@@ -281,6 +276,6 @@ class _Blocks:
         return decompressed(bytes(self._file[chunk.start : chunk.end]), chunk.fields[b"compression"])
 
 
-def _fits(buffer: Buffer, position: int) -> bool:
+def _is_record_or_end(buffer: Buffer, position: int) -> bool:
     """Return whether a record, or the end, lies at a position."""
     return position == len(buffer) or (position < len(buffer) and record_at(buffer, position) is not None)

@@ -9,6 +9,7 @@ import re
 import struct
 from array import array
 from collections.abc import Iterator
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
@@ -42,10 +43,10 @@ def has_full_index(path: Path) -> bool:
         return False
     statistics, chunks = summary.statistics, summary.chunk_indexes
     indexed = sum(chunk.message_index_length - _INDEX_HEAD * len(chunk.message_index_offsets) for chunk in chunks)
-    return indexed == _INDEX_ENTRY * statistics.message_count and _names_all(statistics, summary)
+    return indexed == _INDEX_ENTRY * statistics.message_count and _describes_all(statistics, summary)
 
 
-def _names_all(statistics: Statistics, summary: Summary) -> bool:
+def _describes_all(statistics: Statistics, summary: Summary) -> bool:
     """Return whether the statistics count the messages of each channel, and the summary describes each channel."""
     counts, channels = statistics.channel_message_counts, summary.channels
     if sum(counts.values()) != statistics.message_count or not counts.keys() <= channels.keys():
@@ -61,13 +62,11 @@ def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
     if not scan.is_whole:
         reason += f", {UNKNOWN_LOSS}"
     entries = np.frombuffer(scan.entries, dtype=np.int64).reshape(-1, 5)
-    known = entries[np.isin(entries[:, 1], list(scan.channels))]
-    connections = []
-    for number, channel in scan.channels.items():
-        msgtype = scan.schemas.get(channel.schema_id, "")
-        count = int((known[:, 1] == number).sum())
-        connections.append(BagConnection(number, channel.topic, msgtype, "", count))
-    return SalvagedBag(path, reason, connections, known, tuple(scan.holes), _Chunks(path))
+    connections = [
+        BagConnection(number, channel.topic, scan.schemas.get(channel.schema_id, ""), "")
+        for number, channel in scan.channels.items()
+    ]
+    return SalvagedBag.of(path, reason, connections, entries, scan.holes, partial(_messages_of_chunk, path))
 
 
 class _Scan:
@@ -91,7 +90,7 @@ class _Scan:
                 return
             following = position + _HEAD.size + length
             inside = _CHUNK.match(self._buffer, position)
-            if 0 < opcode < Opcode.DATA_END and following <= end and self._take(opcode, position):
+            if 0 < opcode < Opcode.DATA_END and following <= end and self._add_record(opcode, position):
                 position = following
             elif inside is not None and inside[2] == _NOT_COMPRESSED:
                 position = inside.end()  # so that its records are read up to the damage
@@ -100,7 +99,7 @@ class _Scan:
                 self.holes.append(Hole(len(self.entries) // 5, following - position))
                 position = following
 
-    def _take(self, opcode: int, position: int) -> bool:
+    def _add_record(self, opcode: int, position: int) -> bool:
         """Add a record; return whether it is valid."""
         if opcode not in _WANTED:
             return True
@@ -132,17 +131,11 @@ class _Scan:
         return len(self._buffer)
 
 
-class _Chunks:
-    """Blocks of an MCAP file: the messages of the chunk at a position."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __call__(self, number: int) -> bytes:
-        """Return a block's bytes."""
-        with self._path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
-            records = _records_at(buffer, number) or []
-        return b"".join(record.data for record in records if isinstance(record, Message))
+def _messages_of_chunk(path: Path, position: int) -> bytes:
+    """Return the data of the messages of the chunk at a position of an MCAP file."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
+        records = _records_at(buffer, position) or []
+    return b"".join(record.data for record in records if isinstance(record, Message))
 
 
 def _records_at(buffer: mmap.mmap, position: int) -> list[McapRecord] | None:
@@ -176,13 +169,12 @@ def salvage_sqlite(path: Path, reason: str) -> SalvagedBag:
                 case [None, int(topic), int(time), bytes(data)]:
                     rows.extend((time, topic, place, 0, len(data), number))
                 case [None, str(name), str(msgtype), "cdr", *_]:
-                    topics[number] = BagConnection(number, name, msgtype, "", 0)
+                    topics[number] = BagConnection(number, name, msgtype, "")
     table = np.frombuffer(rows, dtype=np.int64).reshape(-1, 6)
     _, first = np.unique(table[:, 5], return_index=True)  # sorted by number, which is the order of writing
     known = table[first][np.isin(table[first, 1], list(topics))]
-    connections = [topic._replace(msgcount=int((known[:, 1] == topic.id).sum())) for topic in topics.values()]
     holes = _holes(known, pages.missing)
-    return SalvagedBag(path, reason, connections, known[:, :5], holes, _Rows(path))
+    return SalvagedBag.of(path, reason, topics.values(), known[:, :5], holes, partial(_data_of_row, path))
 
 
 def _holes(rows: np.ndarray[tuple[int, ...], np.dtype[np.int64]], missing: float) -> tuple[Hole, ...]:
@@ -194,17 +186,11 @@ def _holes(rows: np.ndarray[tuple[int, ...], np.dtype[np.int64]], missing: float
     return tuple(holes)
 
 
-class _Rows:
-    """Blocks of a database: messages by the positions of their rows in the file."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __call__(self, number: int) -> bytes:
-        """Return a message's bytes."""
-        with self._path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
-            row = _Pages(buffer).row_at(number)
-        return row[1][-1] if row is not None and isinstance(row[1][-1], bytes) else b""
+def _data_of_row(path: Path, position: int) -> bytes:
+    """Return the message of the row at a position of a database."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
+        row = _Pages(buffer).row_at(position)
+    return row[1][-1] if row is not None and isinstance(row[1][-1], bytes) else b""
 
 
 class _Pages:
@@ -249,7 +235,7 @@ class _Pages:
         """Return a row's bytes, from its page and its chain of overflow pages."""
         if not 0 < length <= _LONGEST:
             return None
-        here = self._kept_in_page(length)
+        here = self._size_in_page(length)
         parts = [self._buffer[start : start + here]]
         left, place = length - here, start + here
         while left > 0:
@@ -261,7 +247,7 @@ class _Pages:
         payload = b"".join(parts)
         return payload if len(payload) == length else None
 
-    def _kept_in_page(self, length: int) -> int:
+    def _size_in_page(self, length: int) -> int:
         """Return the number of bytes of a payload in the leaf itself."""
         most = self._usable - 35
         if length <= most:

@@ -1,6 +1,7 @@
 """The readable messages of a damaged bag, and estimates of its losses."""
 
-from collections.abc import Callable, Collection, Iterator
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -23,7 +24,7 @@ class BagConnection(NamedTuple):
     topic: str
     msgtype: str
     digest: str
-    msgcount: int
+    msgcount: int = 0
 
 
 class Hole(NamedTuple):
@@ -57,6 +58,23 @@ class SalvagedBag:
     block: Callable[[int], bytes]
     """Function that returns a block's bytes by its number."""
     _kept: Callable[[int], bytes] = field(init=False, repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        path: Path,
+        reason: str,
+        connections: Iterable[BagConnection],
+        entries: npt.NDArray[np.int64],
+        holes: Iterable[Hole],
+        block: Callable[[int], bytes],
+    ) -> "SalvagedBag":
+        """Leave out the messages of unknown connections, and count those of each connection."""
+        listed = list(connections)
+        known = entries[np.isin(entries[:, 1], [connection.id for connection in listed])]
+        counts = Counter(known[:, 1].tolist())
+        counted = [connection._replace(msgcount=counts[connection.id]) for connection in listed]
+        return cls(path, reason, counted, known, tuple(holes), block)
 
     def __post_init__(self) -> None:
         """Cache the last blocks: if topics are in different blocks, reading by time alternates between them."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy import stats
 
 from merging.config import MergeConfig
 from merging.config.registration import FeatureConfig
@@ -14,7 +15,7 @@ from merging.fusion import fuse, place
 from merging.merger import align
 from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import FloatArray
 from tbmslam.map.tbm_map import TbmMap
 
 
@@ -51,18 +52,13 @@ def measure_transforms(pair: MapPair, config: MergeConfig, tolerance_m: float) -
         right=int(pair.is_right(target, source, tolerance_m).sum()),
         least_m=None if apart is None else float(apart.min()),
         most_m=None if apart is None else float(apart.max()),
-        geometric_mean_m=None if apart is None else geometric_mean(apart),
+        geometric_mean_m=None if apart is None else float(stats.gmean(apart)),
         affine_error_m=None if affine is None else pair.displacement_m(affine),
-        rigid_error_m=None if consensus is None else pair.displacement_m(_matrix(consensus.T_target_source)),
-        default_error_m=pair.displacement_m(_matrix(found.T_target_source))
+        rigid_error_m=None if consensus is None else pair.displacement_m(consensus.T_target_source.matrix()[:2]),
+        default_error_m=pair.displacement_m(found.T_target_source.matrix()[:2])
         if found.accepted and found.T_target_source is not None
         else None,
     )
-
-
-def geometric_mean(values: FloatArray) -> float:
-    """Return the geometric mean of values (N,) of at least 0; it is 0 if one value is 0."""
-    return float(np.exp(np.mean(np.log(values)))) if (values > 0.0).all() else 0.0
 
 
 def _affine(target: FloatArray, source: FloatArray, threshold_m: float) -> FloatArray | None:
@@ -71,10 +67,6 @@ def _affine(target: FloatArray, source: FloatArray, threshold_m: float) -> Float
         return None
     matrix, _ = cv2.estimateAffine2D(source, target, ransacReprojThreshold=threshold_m)
     return None if matrix is None else np.asarray(matrix, dtype=np.float64)
-
-
-def _matrix(motion: SE2) -> FloatArray:
-    return motion.matrix()[:2]
 
 
 @dataclass(frozen=True)

@@ -91,15 +91,11 @@ class Page:
 
     def to_html(self) -> str:
         """Return the page; text from files is escaped."""
-        import jinja2  # noqa: PLC0415  # only reports need it
-
-        environment = jinja2.Environment(
-            autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-        )
         # Leaflet without its reference to a source map, which a browser would request.
         leaflet = re.sub(r"^//# sourceMappingURL=.*$", "", _asset("leaflet.js"), flags=re.MULTILINE)
         scripts = [leaflet, _asset("page.js")]
-        return environment.from_string(_asset("page.html")).render(
+        return render(
+            _asset("page.html"),
             page=self,
             styles=[re.sub(r"url\([^)]*\)", "none", _asset("leaflet.css")), _asset("page.css")],  # uses no pictures
             scripts=scripts,
@@ -108,6 +104,16 @@ class Page:
             config=_marked(self.config, self.defaults),
             name_of=lambda address: unquote(address.rpartition("/")[2]),
         )
+
+
+def render(template: str, **values: object) -> str:
+    """Return the page of a Jinja template; all values are escaped."""
+    import jinja2  # noqa: PLC0415  # only reports need it
+
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    return environment.from_string(template).render(values)
 
 
 def _asset(name: str) -> str:

@@ -87,7 +87,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
     if args.plot:
         from tools.calibration import draw_calibration
 
-        write_bytes(args.plot, draw_calibration([(r.confidence, r.right) for r in first], BINS))
+        write_bytes(args.plot, draw_calibration(first, BINS))
 
 
 def _measure_all(paths: Sequence[Path], method: str) -> list[PairResult]:

@@ -15,8 +15,9 @@ from merging.experiments.published import (
     table_2,
 )
 from tbmslam.geometry.se2 import FloatArray
+from tbmslam.report.page import Table
 from tools.paper.experiments import PaperResults, PaperSettings
-from tools.paper.page import PaperPicture, PaperTable, Section, draw_curves
+from tools.paper.page import PaperPicture, Section, draw_curves
 
 _NO_VALUE = "–"
 
@@ -60,8 +61,8 @@ def detector_section(results: PaperResults, settings: PaperSettings) -> Section:
             ),
         ],
         [
-            PaperTable("Measured here", ["pair", *columns], rows),
-            PaperTable("The paper's table I", ["pair", *TABLE_1], published),
+            Table("Measured here", ["pair", *columns], rows),
+            Table("The paper's table I", ["pair", *TABLE_1], published),
         ],
     )
 
@@ -96,8 +97,8 @@ def modification_section(results: PaperResults, settings: PaperSettings) -> Sect
             *_variant_texts(results, settings),
         ],
         [
-            PaperTable("As the paper is written: 128 bits an image, the unknown mass as it is", _HEADS, _rows(written)),
-            PaperTable("As its program is: 256 bits an image, the unknown mass inverted", _HEADS, _rows(programmed)),
+            Table("As the paper is written: 128 bits an image, the unknown mass as it is", _HEADS, _rows(written)),
+            Table("As its program is: 256 bits an image, the unknown mass inverted", _HEADS, _rows(programmed)),
             _variants_table(results, settings),
         ],
     )
@@ -179,7 +180,7 @@ def _rows(study: Study) -> list[list[str]]:
     return rows
 
 
-def _variants_table(results: PaperResults, settings: PaperSettings) -> PaperTable:
+def _variants_table(results: PaperResults, settings: PaperSettings) -> Table:
     rows = []
     for variant, study in results.studies.items():
         cells = []
@@ -188,7 +189,7 @@ def _variants_table(results: PaperResults, settings: PaperSettings) -> PaperTabl
             cells.append(f"{_spread(study.shares[setting])}\n{study.matches[setting].mean():.0f} matches")
         rows.append([f"{variant.bits} bits", variant.unknown, *cells])
     title = f"Variants at {settings.default_keypoints} keypoints and ratio {settings.default_ratio:g}"
-    return PaperTable(title, ("an image", "unknown", *MODIFICATIONS), rows)
+    return Table(title, ("an image", "unknown", *MODIFICATIONS), rows)
 
 
 def _variant_texts(results: PaperResults, settings: PaperSettings) -> Sequence[str]:

@@ -7,8 +7,9 @@ import numpy as np
 from merging.experiments.map_pair import SHARE, MapPair
 from merging.experiments.published import TABLE_3, TABLE_4
 from merging.experiments.transforms import TransformResult
+from tbmslam.report.page import Table
 from tools.paper.experiments import PaperResults, PaperSettings
-from tools.paper.page import PaperPicture, PaperTable, Section, draw_channels, draw_grid, window_of
+from tools.paper.page import PaperPicture, Section, draw_channels, draw_grid, window_of
 
 _NO_VALUE = "–"
 
@@ -30,7 +31,7 @@ def map_section(pairs: Sequence[MapPair]) -> Section:
                 "true poses of the pairs (overlap: share of the smaller map that both maps know)."
             )
         ],
-        [PaperTable("Pairs", heads, rows)],
+        [Table("Pairs", heads, rows)],
         [*pictures, *maps],
     )
 
@@ -60,7 +61,7 @@ def halves_section(results: PaperResults) -> Section:
             ),
             f"In the common strip the mean mass on unknown was {before:.3f} in the parts.",
         ],
-        [PaperTable("Fused maps", ["rule", "share of known cells", "mean mass on unknown in the strip"], rows)],
+        [Table("Fused maps", ["rule", "share of known cells", "mean mass on unknown in the strip"], rows)],
         [PaperPicture(draw_grid(grid, window), name) for name, grid in grids.items()],
     )
 
@@ -114,8 +115,8 @@ def transform_section(results: PaperResults, settings: PaperSettings) -> Section
             "The true error includes the distortion between both maps, which no rigid motion removes.",
         ],
         [
-            PaperTable("Measured here", [*heads, "default, true error m"], rows),
-            PaperTable("The paper's table III", ["pair", "min m", "max m", "gmean m"], published),
+            Table("Measured here", [*heads, "default, true error m"], rows),
+            Table("The paper's table III", ["pair", "min m", "max m", "gmean m"], published),
         ],
     )
 
@@ -152,8 +153,8 @@ def duration_section(results: PaperResults) -> Section:
             ),
         ],
         [
-            PaperTable("Measured here", ["pair", "area m²", "mean ms", "deviation ms", "ms a m²"], rows),
-            PaperTable("The paper's table IV", ["pair", "area m²", "mean 's'", "deviation 's'", "'s' a m²"], published),
+            Table("Measured here", ["pair", "area m²", "mean ms", "deviation ms", "ms a m²"], rows),
+            Table("The paper's table IV", ["pair", "area m²", "mean 's'", "deviation 's'", "'s' a m²"], published),
         ],
     )
 

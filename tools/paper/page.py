@@ -1,9 +1,8 @@
 """The page of the paper's experiments, and its figures."""
 
-import base64
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from merging.experiments.published import TABLE_2, half_interval, half_width, ta
 from merging.registration.features import Channels
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.io.pictures import encode_png
+from tbmslam.report.page import Picture, Table, render
 
 COLOURS = {"a": "#0072B2", "b": "#D55E00", "c": "#009E73", "d": "#CC79A7", "e": "#7A7A7A"}
 _PAPER_PAIRS = 10
@@ -150,7 +150,7 @@ pre { white-space: pre-wrap; font-size: .8rem; background: #f5f5f5; padding: 1re
 {% endfor %}
 {% if section.pictures %}<div class="pictures">
 {% for picture in section.pictures %}<figure{% if picture.wide %} class="wide-picture"{% endif %}>
-<img alt="{{ picture.caption }}" src="data:image/png;base64,{{ picture.base64 }}">
+<img alt="{{ picture.caption }}" src="{{ picture.url }}">
 <figcaption>{{ picture.caption }}</figcaption></figure>
 {% endfor %}</div>{% endif %}
 </section>
@@ -160,26 +160,10 @@ pre { white-space: pre-wrap; font-size: .8rem; background: #f5f5f5; padding: 1re
 
 
 @dataclass(frozen=True)
-class PaperTable:
-    """Rows of text; further lines of a cell are the values of the paper."""
+class PaperPicture(Picture):
+    """A picture with a caption; a wide one takes the whole line."""
 
-    title: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-@dataclass(frozen=True)
-class PaperPicture:
-    """A PNG with its caption; wide pictures take the whole line."""
-
-    png: bytes
-    caption: str
     wide: bool = False
-
-    @property
-    def base64(self) -> str:
-        """The picture as text."""
-        return base64.b64encode(self.png).decode("ascii")
 
 
 @dataclass(frozen=True)
@@ -188,15 +172,11 @@ class Section:
 
     title: str
     texts: Sequence[str] = ()
-    tables: Sequence[PaperTable] = field(default_factory=tuple)
-    pictures: Sequence[PaperPicture] = field(default_factory=tuple)
+    tables: Sequence[Table] = ()
+    """Further lines of a cell are the values of the paper."""
+    pictures: Sequence[PaperPicture] = ()
 
 
 def paper_page(title: str, lead: Sequence[str], sections: Sequence[Section]) -> str:
     """Return the page with all texts escaped."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    return environment.from_string(_TEMPLATE).render(title=title, lead=lead, sections=sections)
+    return render(_TEMPLATE, title=title, lead=lead, sections=sections)

@@ -1,10 +1,7 @@
-import numpy as np
-import pytest
-
 from merging.config import MergeConfig
 from merging.config.registration import FeatureConfig
 from merging.experiments.map_pair import MapPair
-from merging.experiments.transforms import geometric_mean, measure_durations, measure_transforms
+from merging.experiments.transforms import measure_durations, measure_transforms
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 
@@ -29,8 +26,3 @@ def test_without_matches_there_is_nothing_to_tell():
     result = measure_transforms(MapPair("one", "two", nothing, nothing, SE2.identity()), MergeConfig(), 0.5)
     assert (result.matches, result.right) == (0, 0)
     assert result.geometric_mean_m is result.affine_error_m is result.default_error_m is None
-
-
-def test_geometric_mean():
-    assert geometric_mean(np.array([1.0, 4.0, 2.0])) == pytest.approx(2.0)
-    assert geometric_mean(np.array([1.0, 0.0])) == 0.0
