@@ -102,7 +102,7 @@ class Slam:
 
         The drive may continue and be finished again.
         """
-        if isinstance(self._trial, AngleStepTrial):
+        if self._trial is not None:
             self._replaced_by(self._trial)
         self._drive.monitor.reopen()
         tracked = self._drive.poses()
