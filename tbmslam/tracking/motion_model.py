@@ -16,6 +16,8 @@ _JUMP = 2.0
 """An odometry step is a jump if it exceeds the possible distance by more [m]."""
 _OLD = 1.0
 """A motion between readings that lie further apart does not continue [s]."""
+_TOO_OLD = 5.0
+"""A robot that was not seen for longer may be anywhere: a scan that fits near its last pose fits there by chance [s]."""
 _LONGEST = 2.0
 """Largest ratio of an extrapolated step to the last step; stamps may be wrong."""
 _FORGETTING = 0.05
@@ -96,14 +98,14 @@ class MotionModel:
         )
 
     def coasting(self, reading: Reading) -> Coasting | None:
-        """Return the robot's pose by its last motion, or by its last pose where that motion is not known.
+        """Return the robot's pose by its last motion, or by its last pose alone where that motion is not known.
 
-        None if the last pose is old: the robot may have turned since then.
+        None if the last pose is too old.
         """
         since = 0.0 if self._stamp is None else reading.scan.stamp - self._stamp
-        if since > _OLD:
+        if since > _TOO_OLD:
             return None
-        if self._duration:
+        if self._duration and since <= _OLD:
             return Coasting(self._coasted(reading), self._coasting_deviations(reading))
         far = self._config.odometry.position_floor + _SPEED * max(since, self._usual)
         return Coasting(self._T_map_robot, (far, far, far))
@@ -200,7 +202,7 @@ class MotionModel:
 
     def _swerve(self, start: SE2, stamp: float) -> float:
         """Return the distance of a step to a pose from the robot's last motion at equal speed [m]."""
-        if self._stamp is None or not self._duration or stamp - self._stamp > _OLD:
+        if self._stamp is None or not self._duration:
             return 0.0
         ratio = min(max(stamp - self._stamp, 0.0) / self._duration, _LONGEST)
         # Along a line: the heading hardly changes within a step, and a constant twist takes ten times as long.
