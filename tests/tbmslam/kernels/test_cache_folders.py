@@ -31,7 +31,7 @@ def package(tmp_path):
     kernels = tmp_path / "tbmslam" / "kernels"
     kernels.mkdir(parents=True)
     shared = ("__init__", "cache_folders", "cache_locator", "kernel_compiler")
-    for name in ("__init__.py", *(f"kernels/{name}.py" for name in shared)):
+    for name in ("__init__.py", "lazy_names.py", *(f"kernels/{name}.py" for name in shared)):
         shutil.copy(PACKAGE / name, tmp_path / "tbmslam" / name)
     for name, text in KERNELS.items():
         (kernels / f"{name}.py").write_text(text, encoding="utf-8")
