@@ -17,7 +17,7 @@ _JUMP = 2.0
 _OLD = 1.0
 """A motion between readings that lie further apart does not continue [s]."""
 _TOO_OLD = 5.0
-"""A robot that was not seen for longer may be anywhere: a scan that fits near its last pose fits there by chance [s]."""
+"""A robot that was not seen for longer may be anywhere: near its last pose its scan would fit by chance [s]."""
 _LONGEST = 2.0
 """Largest ratio of an extrapolated step to the last step; stamps may be wrong."""
 _FORGETTING = 0.05
