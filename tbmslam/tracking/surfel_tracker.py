@@ -118,7 +118,8 @@ class SurfelTracker:
         self._last: SE2 | None = None
         # The last scan, its hits in an array with room for more, and how many they are.
         self._seen: tuple[LaserScan, FloatArray, int] | None = None
-        self._outline: Outline = np.empty((0, 4)), 0.0, 1.0, (0.0, 0.0, 0.0)  # of the last keyframe
+        self._keyframe: tuple[LaserScan, SE2] | None = None
+        self._outline: Outline | None = None  # of the last keyframe, once it was asked for
         self._rest, self._in_vain = 0, 1.0
         self._scans_before = RecentScans()
         self._fault = OdometryFault()
@@ -181,6 +182,7 @@ class SurfelTracker:
         """Return the hypothesis with the largest posterior: the given registration, or one from another start."""
         if not len(hits.points):
             return result
+        outline = self._outline_of_keyframe()
         predicted = _PoseBelief.of(prior.mean, prior.deviations, T_robot_sensor)
         inertia = None if coasting is None else _PoseBelief.of(*coasting, T_robot_sensor)
         may_be_faulty = self._may_be_faulty(prior)
@@ -188,7 +190,7 @@ class SurfelTracker:
         def cost(registration: Registration) -> float:
             """Return the negative logarithm of the posterior, up to a constant."""
             pose, surprise = registration.pose, registration.surprise
-            cost = _STRAY * self._map.strays(hits, pose, _THING, self._config.tolerances[-1], self._outline)
+            cost = _STRAY * self._map.strays(hits, pose, _THING, self._config.tolerances[-1], outline)
             if inertia is None or not may_be_faulty:
                 return cost + student_cost(surprise)
             return cost + self._fault.cost(surprise, faulty) + student_cost(inertia.squared_distance(pose))
@@ -222,6 +224,16 @@ class SurfelTracker:
                 if cost_found < (cost(best) if least is None else least) - _WORTHWHILE:
                     self._rest, self._in_vain, best = 0, 1.0, cheapest
         return best
+
+    def _outline_of_keyframe(self) -> Outline:
+        """Return the outline of the last keyframe."""
+        if self._keyframe is None:
+            return np.empty((0, 4)), 0.0, 1.0, (0.0, 0.0, 0.0)
+        if self._outline is None:
+            scan, pose = self._keyframe
+            view = scan.angle_min, scan.angle_increment + scan.beam_step.theta, (*pose,)
+            self._outline = outline_of(scan.ranges, *view), *view
+        return self._outline
 
     def _may_be_faulty(self, prior: PosePrior) -> bool:
         """Return whether the odometry suddenly leaves the robot's last motion, or was faulty a short time ago."""
@@ -263,8 +275,7 @@ class SurfelTracker:
         hits = self._hits_of(scan)
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))
-        view = scan.angle_min, scan.angle_increment + scan.beam_step.theta, (*pose,)
-        self._outline = outline_of(scan.ranges, *view), *view
+        self._keyframe, self._outline = (scan, pose), None
 
 
 def _cheapest(

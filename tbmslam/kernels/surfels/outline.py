@@ -35,13 +35,24 @@ def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) ->
     for i in range(len(ranges)):
         angle = theta + angle_min + i * step
         ends[i, 0], ends[i, 1] = x + ranges[i] * math.cos(angle), y + ranges[i] * math.sin(angle)
-    for i in range(1, len(ranges) - 1):
-        if _distance_from_line(ends[i], ends[i - 1], ends[i + 1]) < _STRAIGHT:
-            for k in range(i - 1, i + 1):
-                first, last = (k, k + 1) if step > 0.0 else (k + 1, k)
-                surfaces[k, :2] = ends[first]
-                surfaces[k, 2:] = ends[last] - ends[first]
+    was_straight = False
+    for i in range(len(surfaces)):
+        is_straight = i + 2 < len(ranges) and _are_straight(ends, i + 1)
+        if was_straight or is_straight:
+            first, last = (i, i + 1) if step > 0.0 else (i + 1, i)
+            surfaces[i, 0], surfaces[i, 1] = ends[first, 0], ends[first, 1]
+            surfaces[i, 2], surfaces[i, 3] = ends[last, 0] - ends[first, 0], ends[last, 1] - ends[first, 1]
+        was_straight = is_straight
     return surfaces
+
+
+@kernel
+def _are_straight(ends: FloatArray, middle: int) -> bool:
+    """Return whether an end is near the line through its neighbours; never if one of the three is unknown."""
+    x, y = ends[middle - 1, 0], ends[middle - 1, 1]
+    along_x, along_y = ends[middle + 1, 0] - x, ends[middle + 1, 1] - y
+    area = along_x * (ends[middle, 1] - y) - along_y * (ends[middle, 0] - x)
+    return bool(area * area < _STRAIGHT * _STRAIGHT * (along_x * along_x + along_y * along_y) < math.inf)
 
 
 @kernel
@@ -64,12 +75,3 @@ def share_on_outline(outline: Outline, x: float, y: float, normal_x: float, norm
         share = min(max((dx * along_x + dy * along_y) / squared, 0.0), 1.0)
         nearest = min(nearest, (dx - share * along_x) ** 2 + (dy - share * along_y) ** 2)
     return _WIDTH * _WIDTH / (_WIDTH * _WIDTH + nearest)
-
-
-@kernel
-def _distance_from_line(place: FloatArray, first: FloatArray, last: FloatArray) -> float:
-    """Return the distance of a place (2,) from the line through two others [m]; inf if one is unknown."""
-    along_x, along_y = last[0] - first[0], last[1] - first[1]
-    length = math.hypot(along_x, along_y)
-    away = abs(along_x * (place[1] - first[1]) - along_y * (place[0] - first[0]))
-    return away / length if length > 0.0 and away < math.inf else math.inf
