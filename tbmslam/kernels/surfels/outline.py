@@ -33,11 +33,14 @@ def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) ->
     x, y, theta = pose
     ends, surfaces = np.empty((len(ranges), 2)), np.zeros((max(len(ranges) - 1, 0), 4))
     for i in range(len(ranges)):
-        angle = theta + angle_min + i * step
-        ends[i, 0], ends[i, 1] = x + ranges[i] * math.cos(angle), y + ranges[i] * math.sin(angle)
+        if ranges[i] < math.inf:
+            angle = theta + angle_min + i * step
+            ends[i, 0], ends[i, 1] = x + ranges[i] * math.cos(angle), y + ranges[i] * math.sin(angle)
     was_straight = False
     for i in range(len(surfaces)):
-        is_straight = i + 2 < len(ranges) and _are_straight(ends, i + 1)
+        # A sum with a beam that hit nothing, or is unknown, is not below infinity.
+        is_known = i + 2 < len(ranges) and ranges[i] + ranges[i + 1] + ranges[i + 2] < math.inf
+        is_straight = is_known and _are_straight(ends, i + 1)
         if was_straight or is_straight:
             first, last = (i, i + 1) if step > 0.0 else (i + 1, i)
             surfaces[i, 0], surfaces[i, 1] = ends[first, 0], ends[first, 1]
@@ -48,11 +51,11 @@ def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) ->
 
 @kernel
 def _are_straight(ends: FloatArray, middle: int) -> bool:
-    """Return whether an end is near the line through its neighbours; never if one of the three is unknown."""
+    """Return whether an end is near the line through its neighbours."""
     x, y = ends[middle - 1, 0], ends[middle - 1, 1]
     along_x, along_y = ends[middle + 1, 0] - x, ends[middle + 1, 1] - y
     area = along_x * (ends[middle, 1] - y) - along_y * (ends[middle, 0] - x)
-    return bool(area * area < _STRAIGHT * _STRAIGHT * (along_x * along_x + along_y * along_y) < math.inf)
+    return bool(area * area < _STRAIGHT * _STRAIGHT * (along_x * along_x + along_y * along_y))
 
 
 @kernel
