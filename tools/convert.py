@@ -32,7 +32,7 @@ formats:
   a name without ending  map folder
   .npz        beliefs, drives and keyframes
   .yaml .yml  ROS map with its picture
-  .png        picture with a world file (.pgw; in: or with --resolution)
+  .png        ROS map's picture with a world file (.pgw; in: or with --resolution)
   .tif .tiff  GeoTIFF with beliefs (needs the extra tbmslam[geotiff])
   .bag .mcap  nav_msgs/OccupancyGrid, out on /map
   .tbm_map    dump of the original programs
@@ -126,8 +126,8 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     from tbmslam.io.geotiff import write_geotiff
     from tbmslam.io.map_folder import save_map
     from tbmslam.io.map_npz import write_map_file
-    from tbmslam.io.pictures import draw_grid, encode_png, write_world_file
-    from tbmslam.io.ros_map import write_ros_map
+    from tbmslam.io.pictures import encode_png, write_world_file
+    from tbmslam.io.ros_map import ros_pixels, write_ros_map
     from tbmslam.io.tbm_dump import write_tbm_dump
     from tbmslam.io.trajectory_file import write_g2o
     from tools.command_line.output_folder import output_folder
@@ -140,7 +140,7 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     elif ending in (".yaml", ".yml"):
         write_ros_map(out.with_suffix(""), tbm_map.grid)
     elif ending == ".png":
-        write_bytes(out, encode_png(draw_grid(tbm_map.grid)["pignistic"]))
+        write_bytes(out, encode_png(ros_pixels(tbm_map.grid)))  # greys of a pignistic picture read as unknown
         write_world_file(out, tbm_map.grid.geometry)
     elif ending in (".tif", ".tiff"):
         write_geotiff(out, tbm_map.grid)

@@ -221,6 +221,14 @@ def test_no_table_is_wider_than_the_page(flat_maps, merged, window, width):
         assert max(beyond) <= 0
 
 
+def test_the_end_of_a_long_name_is_shown_because_robots_differ_there(merged, window):
+    page = OpenPage(window, merged / "report.html").page
+    name = page.locator("#layers td").first
+    name.evaluate("(cell) => cell.append('-of-a-recording-with_a_long_name_2026-11-26_0')")
+    assert name.evaluate("(cell) => cell.scrollWidth <= cell.clientWidth")
+    assert name.bounding_box()["height"] > 2 * page.locator("#layers tbody tr").nth(1).bounding_box()["height"]
+
+
 def test_distances_are_measured_poses_copied_and_parameters_found(flat_maps, window, tmp_path):
     setting = "merging.verification.min_confidence=0.8"
     merge_maps(tmp_path, flat_maps / "robot_0", flat_maps / "robot_1", "--set", setting)

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.map.tbm_map import TbmMap
 from tests.tools.build_maps.built_maps import QUICK
@@ -65,6 +67,19 @@ def test_a_world_file_beside_a_picture_states_where_it_lies(plan, tmp_path, caps
         (tmp_path / "again.pgw").write_text(text)
         assert run(tmp_path / "again.png", tmp_path / "back") == 1
         assert "again.pgw: is no world file of square pixels without rotation" in capsys.readouterr().err
+
+
+def test_cells_of_middling_belief_survive_a_picture(tmp_path):
+    masses = np.zeros((3, 20, 4), dtype=np.float32)
+    masses[0, :, FREE] = masses[1, :, OCCUPIED] = np.linspace(0.0, 1.0, 20)
+    masses[..., UNKNOWN] = 1.0 - masses.sum(axis=-1)
+    before = TbmMap(TbmGrid(GridGeometry(0.05, 0.0, 0.0, 3, 20), masses))
+    save_map(tmp_path / "sure", before)
+    assert run(tmp_path / "sure", tmp_path / "map.png") == 0
+    assert run(tmp_path / "map.png", tmp_path / "back.npz") == 0
+    after = load_map(tmp_path / "back.npz")
+    np.testing.assert_array_equal(after.to_occupancy(), before.to_occupancy())
+    assert (before.to_occupancy()[0] == 0).sum() > (masses[0, :, FREE] > 0.65).sum() > 0  # the pignistic picture's
 
 
 def test_a_bag_keeps_the_size_of_its_cells(plan, tmp_path):
