@@ -182,7 +182,6 @@ class SurfelTracker:
         """Return the hypothesis with the largest posterior: the given registration, or one from another start."""
         if not len(hits.points):
             return result
-        outline = self._outline_of_keyframe()
         predicted = _PoseBelief.of(prior.mean, prior.deviations, T_robot_sensor)
         inertia = None if coasting is None else _PoseBelief.of(*coasting, T_robot_sensor)
         may_be_faulty = self._may_be_faulty(prior)
@@ -190,7 +189,8 @@ class SurfelTracker:
         def cost(registration: Registration) -> float:
             """Return the negative logarithm of the posterior, up to a constant."""
             pose, surprise = registration.pose, registration.surprise
-            cost = _STRAY * self._map.strays(hits, pose, _THING, self._config.tolerances[-1], outline)
+            tolerance, outline = self._config.tolerances[-1], self._outline_of_keyframe()
+            cost = _STRAY * self._map.strays(hits, pose, _THING, tolerance, outline)
             if inertia is None or not may_be_faulty:
                 return cost + student_cost(surprise)
             return cost + self._fault.cost(surprise, faulty) + student_cost(inertia.squared_distance(pose))

@@ -39,9 +39,10 @@ def count_strays(
             after = min(per_span * math.sqrt(dx * dx + dy * dy), 0.5)
         counted, before, known = before + after, after, 0.0
         hit_x, hit_y = x + cosine * px - sine * py, y + sine * px + cosine * py
+        normal_x, normal_y = cosine * nx - sine * ny, sine * nx + cosine * ny
         cell_x, cell_y = hit_x * inverse - first_col, hit_y * inverse - first_row
         if 0.0 <= cell_x < cols and 0.0 <= cell_y < rows:
-            layer = layer_of(cosine * nx - sine * ny, sine * nx + cosine * ny)
+            layer = layer_of(normal_x, normal_y)
             slot = slot_of(tiles, layer, int(cell_y), int(cell_x))
             if fits[slot, 5] < 0.0:
                 fit_surfel(surfels, layer, int(cell_y), int(cell_x))
@@ -49,7 +50,6 @@ def count_strays(
             distance = fits[slot, 2] * dx * dx + 2.0 * fits[slot, 3] * dx * dy + fits[slot, 4] * dy * dy
             known = fits[slot, 5] * squared / (squared + distance)
         if known < _MATCHING:
-            normal_x, normal_y = cosine * nx - sine * ny, sine * nx + cosine * ny
             known = max(known, share_on_outline(outline, hit_x, hit_y, normal_x, normal_y))
         strays += counted * (1.0 - known)
     return strays
