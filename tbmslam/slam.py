@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tbmslam.angle_step import AngleStepTrial
 from tbmslam.back_end import BackEnd, OptimisedDrive
-from tbmslam.beam_order import BeamOrderTrial
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.calibration.laser_check import fit_laser, laser_warnings
 from tbmslam.configuration.slam_config import SlamConfig
@@ -22,6 +20,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.monitoring.drive_review import DriveReview, standing_warnings
 from tbmslam.monitoring.incidents import Incidents
 from tbmslam.parallel.executor import Progress
+from tbmslam.reading_trial import ReadingTrial
 from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.tracked_drive import TrackedDrive
 
@@ -67,7 +66,7 @@ class Slam:
         self._start_stamp, self._corrections = start_stamp, corrections or Corrections()
         self._back_end = BackEnd(self.config)
         self._drive = TrackedDrive(self.config, self._back_end)
-        self._trial: BeamOrderTrial | AngleStepTrial | None = None
+        self._trial: ReadingTrial | None = None
 
     @property
     def incidents(self) -> Incidents:
@@ -91,7 +90,8 @@ class Slam:
         """
         reading.check()
         if not self._drive.stamps:
-            self._trial = self._trial_of(reading)
+            is_step_known = self._corrections.angle_step
+            self._trial = ReadingTrial.of(reading, self.config, self._back_end, is_step_known)
         placement = self._drive.add(reading)
         if self._trial is not None:
             placement = self._tried(self._trial, reading, placement)
@@ -124,14 +124,7 @@ class Slam:
             drive = replace(drive, closures=optimised.closed_pairs(), motions=optimised.motions)
         return self._drive.frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
 
-    def _trial_of(self, reading: Reading) -> BeamOrderTrial | AngleStepTrial | None:
-        """Return the trial of another way to read the scans, if the first reading gives reason for one."""
-        order = BeamOrderTrial.of(reading, self.config, self._back_end)
-        if order is not None or self._corrections.angle_step:
-            return order
-        return AngleStepTrial.of(reading, self.config, self._back_end)
-
-    def _tried(self, trial: BeamOrderTrial | AngleStepTrial, reading: Reading, placement: Placement) -> Placement:
+    def _tried(self, trial: ReadingTrial, reading: Reading, placement: Placement) -> Placement:
         """Continue a trial with a reading; return its placement in the drive that is used from now on."""
         other = trial.observe(reading, placement)
         if not trial.is_decided():
@@ -139,7 +132,7 @@ class Slam:
         self._trial = None
         return other if self._replaced_by(trial) else placement
 
-    def _replaced_by(self, trial: BeamOrderTrial | AngleStepTrial) -> bool:
+    def _replaced_by(self, trial: ReadingTrial) -> bool:
         """Return whether the trial's drive fits better and replaces the current one."""
         if not trial.is_better():
             return False

@@ -48,7 +48,7 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
     if true_step is not None:
         return (
             f"the scans state {beams} beams {step:.4f} degrees apart; real lasers have steps of {true_step:g} "
-            f"degrees: the step that fits better is used; if you know it, pass --angle-step-deg {true_step:g}"
+            f"degrees: if yours has, pass --angle-step-deg {true_step:g}"
         )
     return None
 

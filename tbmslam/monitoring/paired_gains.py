@@ -14,19 +14,17 @@ class PairedGains:
 
     def __init__(self) -> None:
         self.groups = 0
-        self._group, self._size = 0.0, 0  # sum and number of the current group
+        self._share, self._group, self._size = 0.0, 0.0, 0  # part, sum and number of gains of the current group
         self._sum, self._squares = 0.0, 0.0
 
-    def add(self, gain: float) -> int:
-        """Add a gain to the current group, and return the group's size."""
-        self._group, self._size = self._group + gain, self._size + 1
-        return self._size
-
-    def end_group(self) -> None:
-        """Complete the current group, if it holds any gain."""
-        if self._size:
+    def add(self, gain: float, share: float) -> None:
+        """Add the gain of a scan that is a share of a group; a scan with share 0 does not count."""
+        if share <= 0.0:
+            return
+        self._share, self._group, self._size = self._share + share, self._group + gain, self._size + 1
+        if self._share >= 1.0:
             mean = self._group / self._size
-            self._group, self._size = 0.0, 0
+            self._share, self._group, self._size = 0.0, 0.0, 0
             self.groups, self._sum, self._squares = self.groups + 1, self._sum + mean, self._squares + mean * mean
 
     def deviations(self) -> float:

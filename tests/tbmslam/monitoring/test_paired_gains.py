@@ -12,19 +12,21 @@ from tbmslam.monitoring.paired_gains import PairedGains
 def test_the_groups_count_by_their_means(groups):
     gains = PairedGains()
     for group in groups:
-        sizes = [gains.add(gain) for gain in group]
-        assert sizes == list(range(1, len(group) + 1))
-        gains.end_group()
+        for gain in group:
+            gains.add(gain, 1.0 / len(group))
     means = np.array([np.mean(group) for group in groups])
     squares = float((means**2).sum())
     assert gains.groups == len(groups)
     assert gains.deviations() == pytest.approx(float(means.sum()) / math.sqrt(squares) if squares else 0.0, abs=1e-9)
 
 
-def test_an_empty_group_does_not_count():
+def test_a_gain_without_share_and_an_incomplete_group_do_not_count():
     gains = PairedGains()
-    gains.end_group()
+    gains.add(1.0, 0.5)
+    gains.add(9.0, 0.0)
     assert (gains.groups, gains.deviations()) == (0, 0.0)
+    gains.add(3.0, 0.5)
+    assert (gains.groups, gains.deviations()) == (1, 1.0)
 
 
 def test_chance_hardly_ever_exceeds_the_bound():
