@@ -180,8 +180,6 @@ def fit_surfel(surfels: SurfelArrays, layer: int, row: int, col: int) -> None:
         for c in range(col - 1, col + 2):
             slot = slot_of(tiles, layer, r, c)
             n = float(moments[slot, 0])
-            if n == 0.0:
-                continue
             ox, oy = float(c - col), float(r - row)
             mx, my = float(moments[slot, 1]), float(moments[slot, 2])
             count += n
