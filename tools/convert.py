@@ -26,7 +26,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py plan.png out/plan --resolution 0.05 --origin -10 -5
       a floor plan as a map folder: white is free, black occupied, grey 205 unknown
   python tools/%(prog)s.py out/one/run graph.g2o
-      keyframes and the motions measured between them, for g2o and GTSAM
+      keyframes, measured motions and loop closures, for g2o and GTSAM
 
 formats:
   a name without ending  map folder

@@ -9,7 +9,8 @@
 ``drive_K_stamps``          (N,) float64 [s]; ``drive_K_poses`` (N, 3) float64
 ``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field
 ``drive_K_closures``        (C, 2) int64 keyframes between which loops were closed
-``drive_K_motions_X``       the arrays of `DriveMotions`, if the drive has any
+``drive_K_motions_X``       the arrays of `DriveMotions` between successive keyframes, if the drive has any
+``drive_K_closure_motions_X``  the same of the closures; older files have none
 ==========================  ==========================================================================
 
 The same map gives the same bytes. Every array is checked when it is read.
@@ -215,6 +216,7 @@ def _checked_shape(
 
 FORMAT_VERSION = 1
 _KEYFRAME_DTYPES = {"offsets": np.int64, "ranges": np.float32, "indices": np.int64}  # all others are float64
+_MOTION_KINDS = ("motions", "closure_motions")
 _KEYFRAME_NAMES = tuple(field.name for field in dataclasses.fields(Keyframes))
 
 
@@ -249,9 +251,11 @@ def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array | TbmGrid]:
             dtype = _KEYFRAME_DTYPES.get(name, np.float64)
             arrays[f"drive_{number}_keyframes_{name}"] = values.astype(dtype, copy=False)
         arrays[f"drive_{number}_closures"] = drive.closures.astype(np.int64, copy=False)
-        if drive.motions is not None:
-            arrays[f"drive_{number}_motions_steps"] = drive.motions.steps.astype(np.float64, copy=False)
-            arrays[f"drive_{number}_motions_informations"] = drive.motions.informations.astype(np.float64, copy=False)
+        for kind in _MOTION_KINDS:
+            motions: DriveMotions | None = getattr(drive, kind)
+            if motions is not None:
+                arrays[f"drive_{number}_{kind}_steps"] = motions.steps.astype(np.float64, copy=False)
+                arrays[f"drive_{number}_{kind}_informations"] = motions.informations.astype(np.float64, copy=False)
     return arrays
 
 
@@ -325,15 +329,16 @@ def _read_drive(arrays: ArrayZip, number: int, name: str, geometry: GridGeometry
         )
         for field in _KEYFRAME_NAMES
     }
-    closures, motions = arrays.read(f"drive_{number}_closures", np.int64, (None, 2)), _read_motions(arrays, number)
-    drive = Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes), closures, motions)
+    closures = arrays.read(f"drive_{number}_closures", np.int64, (None, 2))
+    motions = {kind: _read_motions(arrays, f"drive_{number}_{kind}") for kind in _MOTION_KINDS}
+    drive = Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes), closures, **motions)
     if (stray := stray_number(drive, geometry)) is not None:
         raise ValueError(stray)
     return drive
 
 
-def _read_motions(arrays: ArrayZip, number: int) -> DriveMotions | None:
-    steps, informations = (f"drive_{number}_motions_{name}" for name in ("steps", "informations"))
+def _read_motions(arrays: ArrayZip, prefix: str) -> DriveMotions | None:
+    steps, informations = f"{prefix}_steps", f"{prefix}_informations"
     if steps not in arrays:
         return None
     return DriveMotions(arrays.read(steps, np.float64, (None, 3)), arrays.read(informations, np.float64, (None, 3, 3)))

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angles
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
-from tbmslam.map.drive import Drive
+from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 from tbmslam.special_file import why_unreadable
 
@@ -145,10 +145,10 @@ _UPPER = np.triu_indices(3)
 def write_g2o(path: str | os.PathLike[str], drives: Iterable[Drive]) -> None:
     """Write a pose graph atomically.
 
-    A vertex is the pose of the laser at a keyframe, in the map's frame. An edge is the motion to the next keyframe as
-    odometry and scans measured it, with its information. Loop closures are comments: what was measured is not kept, and
-    the vertices obey them. Source of the format: g2o, `VERTEX_SE2 id x y theta` and `EDGE_SE2 from to dx dy dtheta`
-    with the upper triangle of the information by rows.
+    A vertex is the pose of the laser at a keyframe, in the map's frame. The edges are the motions to the next keyframe
+    as odometry and scans measured them, then the motions of the loop closures, all with their information. Closures
+    whose motion is unknown are comments; old maps hold none. Source of the format: g2o, `VERTEX_SE2 id x y theta` and
+    `EDGE_SE2 from to dx dy dtheta` with the upper triangle of the information by rows.
     """
     lines: list[str] = []
     first = 0
@@ -164,12 +164,19 @@ def _graph_lines(drive: Drive, first: int) -> Iterator[str]:
     for number, pose in enumerate(drive.keyframes.all_sensor_poses(), first):
         yield f"VERTEX_SE2 {number} {_spaced(pose)}"
     if drive.motions is not None:
-        for number, (step, information) in enumerate(
-            zip(drive.motions.steps, drive.motions.informations, strict=True), first
-        ):
-            yield f"EDGE_SE2 {number} {number + 1} {_spaced(step)} {_spaced(information[_UPPER])}"
-    for earlier, later in drive.closures.tolist():
-        yield f"# loop closure {first + earlier} {first + later}"
+        following = np.arange(len(drive.motions))
+        yield from _edge_lines(np.column_stack((following, following + 1)) + first, drive.motions)
+    if drive.closure_motions is not None:
+        yield from _edge_lines(drive.closures + first, drive.closure_motions)
+    else:
+        for earlier, later in (drive.closures + first).tolist():
+            yield f"# loop closure {earlier} {later}"
+
+
+def _edge_lines(ends: IntArray, motions: DriveMotions) -> Iterator[str]:
+    """Yield the lines of motions between vertices (S, 2)."""
+    for (source, target), step, information in zip(ends.tolist(), motions.steps, motions.informations, strict=True):
+        yield f"EDGE_SE2 {source} {target} {_spaced(step)} {_spaced(information[_UPPER])}"
 
 
 def _spaced(values: Iterable[float]) -> str:

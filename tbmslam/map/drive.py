@@ -14,7 +14,7 @@ _EIGENVALUES = 1e-12, 1e12
 
 @dataclass(frozen=True)
 class DriveMotions:
-    """Motions of the laser between successive keyframes by odometry and scans, with their information.
+    """Measured motions of the laser between keyframes, with their information.
 
     The optimised poses of a drive contain its own loop closures. A joint optimisation with other robots needs the
     measurements instead: if a loop closure bent a corridor, only they show that it was straight.
@@ -61,7 +61,9 @@ class Drive:
     closures: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     """Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one."""
     motions: DriveMotions | None = None
-    """Measured motions between keyframes; None if only the poses are known."""
+    """Motions between successive keyframes by odometry and scans; None if only the poses are known."""
+    closure_motions: DriveMotions | None = None
+    """Motions of the closures by scans, from the earlier to the later keyframe; None if only pairs are known."""
 
     def __post_init__(self) -> None:
         """Check that keyframes are on the trajectory, and that closures and motions are between keyframes."""
@@ -76,6 +78,11 @@ class Drive:
         if self.motions is not None and len(self.motions) != steps:
             raise ValueError(
                 f"there must be one motion less than the {len(self.keyframes)} keyframes, got {len(self.motions)}"
+            )
+        if self.closure_motions is not None and len(self.closure_motions) != len(self.closures):
+            raise ValueError(
+                f"there must be one motion for each of the {len(self.closures)} closures, "
+                f"got {len(self.closure_motions)}"
             )
 
     def __repr__(self) -> str:
