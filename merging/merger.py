@@ -54,7 +54,11 @@ class Merge:
         """Return which maps were merged, and why the others were not, one line each."""
         count = len(self.poses) + len(self.left_out)
         merged = f"merged {', '.join(self.poses)}" if self.poses else "merged none"
-        return "\n".join([f"Merge of {count} maps: {merged}", *(f"  {n}: {why}" for n, why in self.left_out.items())])
+        lines = [f"Merge of {count} maps: {merged}", *(f"  {n}: {why}" for n, why in self.left_out.items())]
+        if not self.poses and self.alignments:
+            target, source = surest = max(self.alignments, key=lambda pair: self.alignments[pair].confidence)
+            lines.append(f"  surest pair, {source} in {target}: {self.alignments[surest].reason}")
+        return "\n".join(lines)
 
     def _repr_png_(self) -> bytes | None:
         """Return the picture that a notebook shows: the merged map, if there is one."""
@@ -102,10 +106,11 @@ def merge(
     ------
     ValueError
         If there are fewer than two maps or no worker, or a known pose is of an unknown map or of the first one.
+    TypeError
+        If the maps have no names, or one of them is no map.
     """
+    _check(maps)
     config, executor = config or MergeConfig(), Executor(workers, scheduler, progress or Progress())
-    if len(maps) < 2:
-        raise ValueError(f"maps must be two or more, got {len(maps)}")
     known = place_by_priors(maps, config)
     grouping = partial(_grouped, list(maps), config, executor.progress, known.poses)
     found = MergeState.of(maps, known.alignments, grouping)
@@ -116,6 +121,17 @@ def merge(
     group = found.groups[0]
     done = _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
     return _with_pictures(done, maps, config)
+
+
+def _check(maps: Mapping[str, TbmMap]) -> None:
+    """Refuse what is no two maps by name: a list of maps would fail far from the cause."""
+    if not isinstance(maps, Mapping):
+        raise TypeError(f'maps must be a dict of maps by name, such as {{"hall": hall}}, got {type(maps).__name__}')
+    for name, tbm_map in maps.items():
+        if not isinstance(tbm_map, TbmMap):
+            raise TypeError(f"maps must hold TbmMaps, got {type(tbm_map).__name__} for {name}")
+    if len(maps) < 2:
+        raise ValueError(f"maps must be two or more, got {len(maps)}")
 
 
 def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:

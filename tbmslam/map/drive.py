@@ -12,7 +12,7 @@ _EIGENVALUES = 1e-12, 1e12
 """Limits of the eigenvalues of an information, for deviations of a micrometre and a kilometre."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DriveMotions:
     """Measured motions of the laser between keyframes, with their information.
 
@@ -42,6 +42,10 @@ class DriveMotions:
             raise ValueError(
                 f"informations must be symmetric and positive definite, with eigenvalues from {least:g} to {most:g}"
             )
+
+    def __repr__(self) -> str:
+        """Return one line: the number of steps."""
+        return f"DriveMotions({len(self)} steps)"
 
     def __len__(self) -> int:
         """Return the number of steps."""

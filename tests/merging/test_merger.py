@@ -1,3 +1,4 @@
+import html
 import json
 import math
 
@@ -173,9 +174,23 @@ def test_nothing_in_common_merges_nothing(rooms):
     assert dict(result.poses) == {}
     assert dict(result.left_out) == dict.fromkeys(["one", "two"], "no other map could be aligned with it")
     why = "no other map could be aligned with it"
-    assert repr(result) == f"Merge of 2 maps: merged none\n  one: {why}\n  two: {why}"
+    surest = f"surest pair, two in one: {result.alignments['one', 'two'].reason}"
+    assert repr(result) == f"Merge of 2 maps: merged none\n  one: {why}\n  two: {why}\n  {surest}"
     assert result._repr_png_() is None
-    assert result._repr_html_() == f"<p>Merge of 2 maps: merged none</p><p>one: {why}</p><p>two: {why}</p>"
+    lines = ("Merge of 2 maps: merged none", f"one: {why}", f"two: {why}", html.escape(surest))
+    assert result._repr_html_() == "".join(f"<p>{line}</p>" for line in lines)
+
+
+def test_maps_without_names_are_refused(rooms):
+    maps = [TbmMap(rooms(1)), TbmMap(rooms(1))]
+    with pytest.raises(TypeError, match=r"^maps must be a dict of maps by name, such as .*, got list$"):
+        merge(maps, CONFIG)
+
+
+def test_what_is_no_map_is_refused_by_its_name(rooms):
+    maps = {"one": TbmMap(rooms(1)), "two": rooms(1)}
+    with pytest.raises(TypeError, match=r"^maps must hold TbmMaps, got TbmGrid for two$"):
+        merge(maps, CONFIG)
 
 
 def test_contradicting_accepted_alignments_are_the_reason(rooms, monkeypatch):
