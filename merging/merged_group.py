@@ -84,7 +84,7 @@ def _merged(
     }
     names = [drive.name for tbm_map in moved.values() for drive in tbm_map.drives]
     drives = tuple(
-        replace(drive, name=drive.name if names.count(drive.name) == 1 else f"{name}/{drive.name}")
+        replace(drive, name=drive.name if names.count(drive.name) == 1 else _distinct_name(name, drive.name))
         for name, tbm_map in moved.items()
         for drive in tbm_map.drives
     )
@@ -96,6 +96,11 @@ def _merged(
         "config": config.model_dump(mode="json"),
     }
     return TbmMap(fusion.grid, drives, provenance)
+
+
+def _distinct_name(name: str, drive: str) -> str:
+    """Return a drive's name with that of its map, which may hold it: `1/run` and `2/run` are folders of one name."""
+    return name if f"/{name}".endswith(f"/{drive}") else f"{name}/{drive}"
 
 
 _DEFAULT_FUSION: dict[str, object] = {"rule": None, "coverage": "union", "reliability": {}, "merged_resolution": None}

@@ -159,6 +159,12 @@ def test_every_robot_s_drive_moves_along(rooms):
     json.dumps(merged.provenance)
 
 
+def test_drives_of_one_name_are_named_after_their_maps_once(rooms):
+    maps = three_parts(rooms(1))
+    merged = merge({"1/robot_0": maps["a"], "robot_0": maps["b"], "c": maps["c"]}, CONFIG).merged
+    assert [drive.name for drive in merged.drives] == ["1/robot_0", "robot_0", "c/robot_0"]
+
+
 def test_a_merge_can_be_merged(rooms):
     maps = three_parts(rooms(1))
     two = merge({name: maps[name] for name in "ab"}, CONFIG).merged
