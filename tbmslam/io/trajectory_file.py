@@ -146,29 +146,41 @@ def write_g2o(path: str | os.PathLike[str], drives: Iterable[Drive]) -> None:
     """Write a pose graph atomically.
 
     A vertex is the pose of the laser at a keyframe, in the map's frame. The edges are the motions to the next keyframe
-    as odometry and scans measured them, then the motions of the loop closures, all with their information. Closures
-    whose motion is unknown are comments; old maps hold none. Source of the format: g2o, `VERTEX_SE2 id x y theta` and
-    `EDGE_SE2 from to dx dy dtheta` with the upper triangle of the information by rows.
+    as odometry and scans measured them, then the motions of the loop closures, all with their information. Comments at
+    the end name the vertices of each drive, and closures whose motion is unknown; old maps hold none. Source of the
+    format: g2o, `VERTEX_SE2 id x y theta` and `EDGE_SE2 from to dx dy dtheta` with the upper triangle of the
+    information by rows.
     """
-    lines: list[str] = []
-    first = 0
+    vertices, edges, comments = list[str](), list[str](), list[str]()
     for drive in drives:
-        lines += _graph_lines(drive, first)
-        first += len(drive.keyframes)
-    write_text(path, "".join(f"{line}\n" for line in lines))
+        first = len(vertices)
+        vertices += _vertex_lines(drive, first)
+        edges += _graph_edge_lines(drive, first)
+        comments += _comment_lines(drive, first)
+    # The comments come last, since GTSAM 4.3 ignores all edges after a line that is no edge or vertex.
+    write_text(path, "".join(f"{line}\n" for line in (*vertices, *edges, *comments)))
 
 
-def _graph_lines(drive: Drive, first: int) -> Iterator[str]:
-    """Yield the lines of a drive, with the number of its first vertex."""
-    yield f"# drive {drive.name}"
+def _vertex_lines(drive: Drive, first: int) -> Iterator[str]:
+    """Yield the vertices of a drive, with the number of its first one."""
     for number, pose in enumerate(drive.keyframes.all_sensor_poses(), first):
         yield f"VERTEX_SE2 {number} {_spaced(pose)}"
+
+
+def _graph_edge_lines(drive: Drive, first: int) -> Iterator[str]:
+    """Yield the edges of a drive."""
     if drive.motions is not None:
         following = np.arange(len(drive.motions))
         yield from _edge_lines(np.column_stack((following, following + 1)) + first, drive.motions)
     if drive.closure_motions is not None:
         yield from _edge_lines(drive.closures + first, drive.closure_motions)
-    else:
+
+
+def _comment_lines(drive: Drive, first: int) -> Iterator[str]:
+    """Yield what the format has no words for."""
+    count = len(drive.keyframes)
+    yield f"# drive {drive.name}: " + (f"vertices {first} to {first + count - 1}" if count else "no vertices")
+    if drive.closure_motions is None:
         for earlier, later in (drive.closures + first).tolist():
             yield f"# loop closure {earlier} {later}"
 

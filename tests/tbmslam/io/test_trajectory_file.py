@@ -162,7 +162,7 @@ MOUNT = SE2(0.25, 0.0, 0.0)
 
 def drive(name, poses, **more):
     scans = [LaserScan(float(k), 0.0, 0.1, 0.1, 10.0, np.array([2.0])) for k in range(len(poses))]
-    way = Trajectory(np.arange(float(len(poses))), np.array(poses))
+    way = Trajectory(np.arange(float(len(poses))), np.array(poses).reshape(-1, 3))
     return Drive(name, way, Keyframes.from_scans(scans, poses, [MOUNT] * len(poses)), **more)
 
 
@@ -170,17 +170,18 @@ def test_two_drives_are_numbered_one_after_the_other(tmp_path):
     information = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]])
     motions = DriveMotions(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5]]), np.array([information, 2.0 * information]))
     first = drive("a", [SE2(0, 0, 0), SE2(1, 0, 0), SE2(1, 1, 0.5)], closures=np.array([[0, 2]]), motions=motions)
-    write_g2o(tmp_path / "graph.g2o", [first, drive("b", [SE2(5, 5, 0)])])
+    write_g2o(tmp_path / "graph.g2o", [first, drive("b", [SE2(5, 5, 0)]), drive("c", [])])
     assert (tmp_path / "graph.g2o").read_text().splitlines() == [
-        "# drive a",
         "VERTEX_SE2 0 0.25 0 0",
         "VERTEX_SE2 1 1.25 0 0",
         f"VERTEX_SE2 2 {1.0 + 0.25 * np.cos(0.5):.9g} {1.0 + 0.25 * np.sin(0.5):.9g} 0.5",
+        "VERTEX_SE2 3 5.25 5 0",
         "EDGE_SE2 0 1 1 0 0 4 1 0.5 3 0.25 2",
         "EDGE_SE2 1 2 0 1 0.5 8 2 1 6 0.5 4",
+        "# drive a: vertices 0 to 2",
         "# loop closure 0 2",
-        "# drive b",
-        "VERTEX_SE2 3 5.25 5 0",
+        "# drive b: vertices 3 to 3",
+        "# drive c: no vertices",
     ]
 
 
@@ -191,12 +192,12 @@ def test_measured_loops_are_edges_like_other_motions(tmp_path):
     closed = drive("b", [SE2(5, 5, 0), SE2(6, 5, 0)], closures=np.array([[0, 1]]), closure_motions=loop)
     write_g2o(tmp_path / "graph.g2o", [alone, closed])
     assert (tmp_path / "graph.g2o").read_text().splitlines() == [
-        "# drive a",
         "VERTEX_SE2 0 0.25 0 0",
-        "# drive b",
         "VERTEX_SE2 1 5.25 5 0",
         "VERTEX_SE2 2 6.25 5 0",
         "EDGE_SE2 1 2 1 1.5 0.5 4 1 0.5 3 0.25 2",
+        "# drive a: vertices 0 to 0",
+        "# drive b: vertices 1 to 2",
     ]
 
 
