@@ -150,7 +150,7 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     elif ending == ".tbm_map":
         write_tbm_dump(out, tbm_map.grid)
     elif any(len(drive.keyframes) for drive in tbm_map.drives):
-        write_g2o(out, tbm_map.drives)
+        write_g2o(out, tbm_map.drives, tbm_map.links)
     else:
         raise TbmSlamError(f"{out}: the map has no keyframes to write: give a map that `tbmslam map` or `merge` wrote")
 

@@ -11,6 +11,7 @@
 ``drive_K_closures``        (C, 2) int64 keyframes between which loops were closed
 ``drive_K_motions_X``       the arrays of `DriveMotions` between successive keyframes, if the drive has any
 ``drive_K_closure_motions_X``  the same of the closures; older files have none
+``links_ends``, ``links_X``    the arrays of `DriveLinks`, if there are any
 ==========================  ==========================================================================
 
 The same map gives the same bytes. Every array is checked when it is read.
@@ -38,7 +39,7 @@ from tbmslam.belief.tiled_masses import SIDE, TiledMasses
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import replacing
-from tbmslam.map.drive import Drive, DriveMotions
+from tbmslam.map.drive import Drive, DriveLinks, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.map_check import MapFileError, check_file, check_geometry, stray_number
 from tbmslam.map.tbm_map import TbmMap
@@ -256,6 +257,10 @@ def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array | TbmGrid]:
             if motions is not None:
                 arrays[f"drive_{number}_{kind}_steps"] = motions.steps.astype(np.float64, copy=False)
                 arrays[f"drive_{number}_{kind}_informations"] = motions.informations.astype(np.float64, copy=False)
+    if tbm_map.links is not None:
+        arrays["links_ends"] = tbm_map.links.ends.astype(np.int64, copy=False)
+        arrays["links_steps"] = tbm_map.links.motions.steps.astype(np.float64, copy=False)
+        arrays["links_informations"] = tbm_map.links.motions.informations.astype(np.float64, copy=False)
     return arrays
 
 
@@ -280,7 +285,9 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
                 _read_drive(arrays, number, str(name), grid.geometry)
                 for number, name in enumerate(arrays.read("drives", np.str_, (None,)))
             )
-            return TbmMap(grid, drives, _read_provenance(arrays))
+            motions = _read_motions(arrays, "links")
+            links = None if motions is None else DriveLinks(arrays.read("links_ends", np.int64, (None, 4)), motions)
+            return TbmMap(grid, drives, _read_provenance(arrays), links)
     # ValueError: the types refuse arrays that do not belong together; RecursionError: provenance of brackets.
     except (NpzError, ValueError, RecursionError) as error:
         raise MapFileError(f"{path}: is not a map of tbmslam, or is damaged: {error}: build the map again") from error

@@ -13,7 +13,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
-from tbmslam.map.drive import Drive, DriveMotions
+from tbmslam.map.drive import Drive, DriveLinks, DriveMotions
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 from tbmslam.special_file import why_unreadable
 
@@ -142,21 +142,23 @@ def _laser_pose(place: str, line: str) -> tuple[float, float, float, float]:
 _UPPER = np.triu_indices(3)
 
 
-def write_g2o(path: str | os.PathLike[str], drives: Iterable[Drive]) -> None:
+def write_g2o(path: str | os.PathLike[str], drives: Iterable[Drive], links: DriveLinks | None = None) -> None:
     """Write a pose graph atomically.
 
     A vertex is the pose of the laser at a keyframe, in the map's frame. The edges are the motions to the next keyframe
-    as odometry and scans measured them, then the motions of the loop closures, all with their information. Comments at
-    the end name the vertices of each drive, and closures whose motion is unknown; old maps hold none. Source of the
-    format: g2o, `VERTEX_SE2 id x y theta` and `EDGE_SE2 from to dx dy dtheta` with the upper triangle of the
-    information by rows.
+    as odometry and scans measured them, then the motions of the loop closures, all with their information. Closures
+    between drives follow. Comments at the end name the vertices of each drive, and closures whose motion is unknown;
+    old maps hold none. Source of the format: g2o, `VERTEX_SE2 id x y theta` and `EDGE_SE2 from to dx dy dtheta` with
+    the upper triangle of the information by rows.
     """
-    vertices, edges, comments = list[str](), list[str](), list[str]()
+    vertices, edges, comments, starts = list[str](), list[str](), list[str](), list[int]()
     for drive in drives:
-        first = len(vertices)
+        starts.append(first := len(vertices))
         vertices += _vertex_lines(drive, first)
         edges += _graph_edge_lines(drive, first)
         comments += _comment_lines(drive, first)
+    if links is not None:
+        edges += _edge_lines(np.array(starts)[links.ends[:, ::2]] + links.ends[:, 1::2], links.motions)
     # The comments come last, since GTSAM 4.3 ignores all edges after a line that is no edge or vertex.
     write_text(path, "".join(f"{line}\n" for line in (*vertices, *edges, *comments)))
 

@@ -1,5 +1,6 @@
 """The drive of one robot: its trajectory, keyframes and measured motions, and their correction."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -50,6 +51,43 @@ class DriveMotions:
     def __len__(self) -> int:
         """Return the number of steps."""
         return len(self.steps)
+
+
+@dataclass(frozen=True)
+class DriveLinks:
+    """Loop closures between the drives of a map."""
+
+    ends: IntArray
+    """Ends (C, 4): a drive and its keyframe, and the drive and keyframe that were seen from there."""
+    motions: DriveMotions
+    """The second keyframes as seen from the first ones."""
+
+    def __post_init__(self) -> None:
+        """Check that every link has a motion."""
+        if self.ends.shape != (len(self.motions), 4):
+            raise ValueError(f"ends must have shape ({len(self.motions)}, 4), got {self.ends.shape}")
+
+    def check(self, drives: Sequence["Drive"]) -> None:
+        """Raise a `ValueError` unless all ends are keyframes of these drives."""
+        counts = np.array([len(drive.keyframes) for drive in drives], dtype=np.int64)
+        numbers, keyframes = self.ends.reshape(-1, 2).T
+        if not np.all((numbers >= 0) & (numbers < len(counts))):
+            raise ValueError(f"links must be between the {len(counts)} drives")
+        if not np.all((keyframes >= 0) & (keyframes < counts[numbers])):
+            raise ValueError("links must be between keyframes of the drives")
+
+    def renumbered(self, first: int) -> "DriveLinks":
+        """Return the links after that many other drives were put before theirs."""
+        return replace(self, ends=self.ends + np.array([first, 0, first, 0]))
+
+    @classmethod
+    def joined(cls, parts: Sequence["DriveLinks"]) -> "DriveLinks | None":
+        """Return all links; None if there are none."""
+        if not any(len(part.ends) for part in parts):
+            return None
+        steps = np.concatenate([part.motions.steps for part in parts])
+        informations = np.concatenate([part.motions.informations for part in parts])
+        return cls(np.concatenate([part.ends for part in parts]), DriveMotions(steps, informations))
 
 
 @dataclass(frozen=True, repr=False)

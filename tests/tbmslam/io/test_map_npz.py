@@ -9,7 +9,7 @@ from tbmslam.belief.tiled_masses import TiledMasses
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_npz import ArrayZip, read_map_file, write_map_file, write_npz
-from tbmslam.map.drive import Drive, DriveMotions
+from tbmslam.map.drive import Drive, DriveLinks, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.map_check import MapFileError
 from tbmslam.map.tbm_map import TbmMap
@@ -73,10 +73,31 @@ def test_what_is_written_is_read(tbm_map, tmp_path):
         np.testing.assert_array_equal(measured.informations, getattr(tbm_map.drives[0], kind).informations)
 
 
+def test_loops_between_drives_come_back(tmp_path, tbm_map):
+    drives = (drive("a"), drive("b", scans=3))
+    links = DriveLinks(
+        np.array([[0, 1, 1, 2]]), DriveMotions(np.array([[0.1, 0.2, 0.3]]), np.diag([1e4, 2e4, 1e6])[None])
+    )
+    write_map_file(tmp_path / "map.npz", TbmMap(tbm_map.grid, drives, links=links))
+    read = read_map_file(tmp_path / "map.npz").links
+    np.testing.assert_array_equal(read.ends, links.ends)
+    np.testing.assert_array_equal(read.motions.steps, links.motions.steps)
+    np.testing.assert_array_equal(read.motions.informations, links.motions.informations)
+    with np.load(tmp_path / "map.npz") as archive:
+        arrays = dict(archive)
+    for column, wrong, message in ((2, 2, "between the 2 drives"), (1, -1, "keyframes of the drives")):
+        broken = links.ends.copy()
+        broken[0, column] = wrong
+        write_npz(tmp_path / "bad.npz", {**arrays, "links_ends": broken})
+        with pytest.raises(MapFileError, match=message):
+            read_map_file(tmp_path / "bad.npz")
+
+
 def test_a_map_without_drives_is_one_too(tbm_map, tmp_path):
     write_map_file(tmp_path / "map.npz", TbmMap(tbm_map.grid))
     read = read_map_file(tmp_path / "map.npz")
     assert read.drives == ()
+    assert read.links is None
     assert read.provenance == {}
 
 

@@ -9,7 +9,7 @@ import pytest
 from tbmslam.geometry.se2 import SE2, compose, inverse, log
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.trajectory_file import TumError, read_reference, read_tum, write_g2o, write_tum
-from tbmslam.map.drive import Drive, DriveMotions
+from tbmslam.map.drive import Drive, DriveLinks, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.slam import Slam
@@ -199,6 +199,14 @@ def test_measured_loops_are_edges_like_other_motions(tmp_path):
         "# drive a: vertices 0 to 0",
         "# drive b: vertices 1 to 2",
     ]
+
+
+def test_loops_between_drives_are_edges_between_their_vertices(tmp_path):
+    drives = [drive("a", [SE2(0, 0, 0), SE2(1, 0, 0)]), drive("b", [SE2(5, 5, 0), SE2(6, 5, 0)])]
+    link = DriveLinks(np.array([[1, 1, 0, 0]]), DriveMotions(np.array([[-6.0, -5.0, 0.0]]), np.eye(3)[None]))
+    write_g2o(tmp_path / "graph.g2o", drives, link)
+    edges = [line for line in (tmp_path / "graph.g2o").read_text().splitlines() if line.startswith("EDGE")]
+    assert edges == ["EDGE_SE2 3 0 -6 -5 0 1 0 0 1 0 1"]
 
 
 def test_the_edges_of_a_drive_with_loops_agree_with_its_vertices(drive_in, tmp_path):
