@@ -241,10 +241,13 @@ def refine_jointly(
 def _links(closures: list[MotionEdge], starts: IntArray) -> DriveLinks:
     """Return closures by the drives and their keyframes."""
     ends, steps, informations = EdgeArrays.of(closures)
+    return DriveLinks(_by_drive(ends, starts), DriveMotions(steps, informations))
+
+
+def _by_drive(ends: IntArray, starts: IntArray) -> IntArray:
+    """Return the drives and their keyframes (C, 4) of pairs of poses of the graph (C, 2)."""
     drives = np.searchsorted(starts, ends, side="right") - 1
-    return DriveLinks(
-        np.stack((drives, ends - starts[drives]), axis=-1).reshape(-1, 4), DriveMotions(steps, informations)
-    )
+    return np.stack((drives, ends - starts[drives]), axis=-1).reshape(-1, 4)
 
 
 def nearest_rigid(before: TbmMap, after: TbmMap) -> SE2:
