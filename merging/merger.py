@@ -11,7 +11,7 @@ from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.joint_slam import JointRefinement
 from merging.map_graph.grouping import Group, groups_of
-from merging.merge_state import MergeState, why_alone, why_left_out
+from merging.merge_state import MergeState, check_maps, surest_pair, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.search import NonrigidRegistration, align_deformable, register_pairs
@@ -54,11 +54,8 @@ class Merge:
         """Return which maps were merged, and why the others were not, one line each."""
         count = len(self.poses) + len(self.left_out)
         merged = f"merged {', '.join(self.poses)}" if self.poses else "merged none"
-        lines = [f"Merge of {count} maps: {merged}", *(f"  {n}: {why}" for n, why in self.left_out.items())]
-        if not self.poses and self.alignments:
-            target, source = surest = max(self.alignments, key=lambda pair: self.alignments[pair].confidence)
-            lines.append(f"  surest pair, {source} in {target}: {self.alignments[surest].reason}")
-        return "\n".join(lines)
+        left_out, surest = [f"  {n}: {why}" for n, why in self.left_out.items()], surest_pair(self.alignments)
+        return "\n".join([f"Merge of {count} maps: {merged}", *left_out, *([] if self.poses else surest)])
 
     def _repr_png_(self) -> bytes | None:
         """Return the picture that a notebook shows: the merged map, if there is one."""
@@ -104,12 +101,10 @@ def merge(
 
     Raises
     ------
-    ValueError
-        If there are fewer than two maps or no worker, or a known pose is of an unknown map or of the first one.
-    TypeError
-        If the maps have no names, or one of them is no map.
+    ValueError, TypeError
+        For fewer than two maps, none by name, no worker, or a known pose of an unknown map or of the first one.
     """
-    _check(maps)
+    check_maps(maps)
     config, executor = config or MergeConfig(), Executor(workers, scheduler, progress or Progress())
     known = place_by_priors(maps, config)
     grouping = partial(_grouped, list(maps), config, executor.progress, known.poses)
@@ -121,17 +116,6 @@ def merge(
     group = found.groups[0]
     done = _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
     return _with_pictures(done, maps, config)
-
-
-def _check(maps: Mapping[str, TbmMap]) -> None:
-    """Refuse what is no two maps by name: a list of maps would fail far from the cause."""
-    if not isinstance(maps, Mapping):
-        raise TypeError(f'maps must be a dict of maps by name, such as {{"hall": hall}}, got {type(maps).__name__}')
-    for name, tbm_map in maps.items():
-        if not isinstance(tbm_map, TbmMap):
-            raise TypeError(f"maps must hold TbmMaps, got {type(tbm_map).__name__} for {name}")
-    if len(maps) < 2:
-        raise ValueError(f"maps must be two or more, got {len(maps)}")
 
 
 def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
