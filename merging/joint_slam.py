@@ -9,7 +9,7 @@ Finally poses and walls are adjusted jointly (`tbmslam.optimisation.bundle_adjus
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import ValidationError
@@ -19,7 +19,7 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse
 from tbmslam.loop_closure.submap import Submap, SubmapConfig, split_into_submaps, without_open_direction
-from tbmslam.map.drive import Drive, with_keyframes_at
+from tbmslam.map.drive import Drive, DriveLinks, DriveMotions, with_keyframes_at
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.local_frame import LocalFrame
 from tbmslam.map.rendering import MapConfig, render
@@ -190,8 +190,8 @@ class JointRefinement:
     """The rigid T_merged_map of every map that is nearest to the motion of its keyframes."""
     closures: int
     """The number of loop closures between different robots."""
-    links: IntArray
-    """These closures (C, 4): a drive of the merged map and its keyframe, and another robot's drive and keyframe."""
+    links: DriveLinks
+    """These closures, by the drives of the merged map."""
     moved_m: float
     """RMS distance between the keyframes and their poses by the rigid alignment [m]."""
 
@@ -238,9 +238,14 @@ def refine_jointly(
     return JointRefinement(corrected, rigid_poses, len(closures), _links(closures, starts), moved_m)
 
 
-def _links(closures: list[MotionEdge], starts: IntArray) -> IntArray:
-    """Return the drives and keyframes of closures (C, 4)."""
-    ends = np.array([(edge.source, edge.target) for edge in closures], dtype=np.int64).reshape(-1, 2)
+def _links(closures: list[MotionEdge], starts: IntArray) -> DriveLinks:
+    """Return closures by the drives and their keyframes."""
+    ends, steps, informations = EdgeArrays.of(closures)
+    return DriveLinks(_by_drive(ends, starts), DriveMotions(steps, informations))
+
+
+def _by_drive(ends: IntArray, starts: IntArray) -> IntArray:
+    """Return the drives and their keyframes (C, 4) of pairs of poses of the graph (C, 2)."""
     drives = np.searchsorted(starts, ends, side="right") - 1
     return np.stack((drives, ends - starts[drives]), axis=-1).reshape(-1, 4)
 
@@ -271,4 +276,4 @@ def _corrected(
             robots = compose(sensors, inverse(track.keyframes.sensor_poses))
             drives.append(with_keyframes_at(track.drive.transformed(T_merged_map), robots))
     grid = redraw([drive.keyframes for drive in drives], tbm_map)
-    return TbmMap(grid, tuple(drives), tbm_map.provenance)
+    return replace(tbm_map, grid=grid, drives=tuple(drives))

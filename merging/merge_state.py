@@ -67,6 +67,25 @@ class MergeState:
         return replace(self, evidence_grids={**self.evidence_grids, pair: grids})
 
 
+def check_maps(maps: Mapping[str, TbmMap]) -> None:
+    """Refuse what is no two maps by name: a list of maps would fail far from the cause."""
+    if not isinstance(maps, Mapping):
+        raise TypeError(f'maps must be a dict of maps by name, such as {{"hall": hall}}, got {type(maps).__name__}')
+    for name, tbm_map in maps.items():
+        if not isinstance(tbm_map, TbmMap):
+            raise TypeError(f"maps must hold TbmMaps, got {type(tbm_map).__name__} for {name}")
+    if len(maps) < 2:
+        raise ValueError(f"maps must be two or more, got {len(maps)}")
+
+
+def surest_pair(alignments: Mapping[Pair, Alignment]) -> list[str]:
+    """Return the reason of the surest alignment in a line, since it tells most where nothing was merged."""
+    if not alignments:
+        return []
+    target, source = surest = max(alignments, key=lambda pair: alignments[pair].confidence)
+    return [f"  surest pair, {source} in {target}: {alignments[surest].reason}"]
+
+
 def why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
     """Return why a map was not merged, if no maps were."""
     accepted = {other: found for other, found in _partners(name, alignments).items() if found.accepted}

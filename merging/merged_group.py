@@ -13,6 +13,7 @@ from merging.map_graph.grouping import Group
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import PlacedGrid
 from tbmslam.geometry.se2 import SE2
+from tbmslam.map.drive import DriveLinks
 from tbmslam.map.map_check import MAX_CELLS
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Progress
@@ -84,7 +85,7 @@ def _merged(
     }
     names = [drive.name for tbm_map in moved.values() for drive in tbm_map.drives]
     drives = tuple(
-        replace(drive, name=drive.name if names.count(drive.name) == 1 else f"{name}/{drive.name}")
+        replace(drive, name=drive.name if names.count(drive.name) == 1 else _distinct_name(name, drive.name))
         for name, tbm_map in moved.items()
         for drive in tbm_map.drives
     )
@@ -95,7 +96,22 @@ def _merged(
         },
         "config": config.model_dump(mode="json"),
     }
-    return TbmMap(fusion.grid, drives, provenance)
+    return TbmMap(fusion.grid, drives, provenance, _links(maps, poses, joint))
+
+
+def _links(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], joint: JointRefinement | None) -> DriveLinks | None:
+    """Return the loop closures between drives: those of the maps that are merges themselves, and the new ones."""
+    parts, first = [] if joint is None else [joint.links], 0
+    for name in poses:
+        if (links := maps[name].links) is not None:
+            parts.append(links.renumbered(first))
+        first += len(maps[name].drives)
+    return DriveLinks.joined(parts)
+
+
+def _distinct_name(name: str, drive: str) -> str:
+    """Return a drive's name with that of its map, which may hold it: `1/run` and `2/run` are folders of one name."""
+    return name if f"/{name}".endswith(f"/{drive}") else f"{name}/{drive}"
 
 
 _DEFAULT_FUSION: dict[str, object] = {"rule": None, "coverage": "union", "reliability": {}, "merged_resolution": None}

@@ -11,7 +11,7 @@ from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.joint_slam import JointRefinement
 from merging.map_graph.grouping import Group, groups_of
-from merging.merge_state import MergeState, why_alone, why_left_out
+from merging.merge_state import MergeState, check_maps, surest_pair, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.search import NonrigidRegistration, align_deformable, register_pairs
@@ -54,7 +54,8 @@ class Merge:
         """Return which maps were merged, and why the others were not, one line each."""
         count = len(self.poses) + len(self.left_out)
         merged = f"merged {', '.join(self.poses)}" if self.poses else "merged none"
-        return "\n".join([f"Merge of {count} maps: {merged}", *(f"  {n}: {why}" for n, why in self.left_out.items())])
+        left_out, surest = [f"  {n}: {why}" for n, why in self.left_out.items()], surest_pair(self.alignments)
+        return "\n".join([f"Merge of {count} maps: {merged}", *left_out, *([] if self.poses else surest)])
 
     def _repr_png_(self) -> bytes | None:
         """Return the picture that a notebook shows: the merged map, if there is one."""
@@ -100,12 +101,11 @@ def merge(
 
     Raises
     ------
-    ValueError
-        If there are fewer than two maps or no worker, or a known pose is of an unknown map or of the first one.
+    ValueError, TypeError
+        For fewer than two maps, none by name, no worker, or a known pose of an unknown map or of the first one.
     """
+    check_maps(maps)
     config, executor = config or MergeConfig(), Executor(workers, scheduler, progress or Progress())
-    if len(maps) < 2:
-        raise ValueError(f"maps must be two or more, got {len(maps)}")
     known = place_by_priors(maps, config)
     grouping = partial(_grouped, list(maps), config, executor.progress, known.poses)
     found = MergeState.of(maps, known.alignments, grouping)

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.geometry.se2 import FloatArray, IntArray
 from tbmslam.loop_closure.loop_closer import LoopCloser
@@ -12,7 +10,7 @@ from tbmslam.map.drive import DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import adjust
-from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge
 from tbmslam.parallel.executor import Progress
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, motions, poses_of_sensor
@@ -32,7 +30,12 @@ class OptimisedDrive(NamedTuple):
 
     def closed_pairs(self) -> IntArray:
         """Return the keyframes (C, 2) between which loops were closed."""
-        return np.array([(edge.source, edge.target) for edge in self.closures], dtype=np.int64).reshape(-1, 2)
+        return EdgeArrays.of(self.closures).ends
+
+    def closure_motions(self) -> DriveMotions:
+        """Return the motions of the closures."""
+        _, steps, informations = EdgeArrays.of(self.closures)
+        return DriveMotions(steps, informations)
 
 
 class BackEnd:

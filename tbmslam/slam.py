@@ -121,7 +121,8 @@ class Slam:
         logger.info("%s: %d scans, %d keyframes, %.1f m", self.name, *counts, trajectory.driven())
         drive = Drive(self.name, trajectory, keyframes)
         if optimised is not None:
-            drive = replace(drive, closures=optimised.closed_pairs(), motions=optimised.motions)
+            closed, closings = optimised.closed_pairs(), optimised.closure_motions()
+            drive = replace(drive, closures=closed, motions=optimised.motions, closure_motions=closings)
         return self._drive.frame.map_there(TbmMap(grid, (drive,), dict(provenance or {})))
 
     def _tried(self, trial: ReadingTrial, reading: Reading, placement: Placement) -> Placement:

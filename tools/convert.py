@@ -26,7 +26,7 @@ EXAMPLES = """examples:
   python tools/%(prog)s.py plan.png out/plan --resolution 0.05 --origin -10 -5
       a floor plan as a map folder: white is free, black occupied, grey 205 unknown
   python tools/%(prog)s.py out/one/run graph.g2o
-      keyframes and the motions measured between them, for g2o and GTSAM
+      keyframes, measured motions and loop closures, for g2o and GTSAM
 
 formats:
   a name without ending  map folder
@@ -150,7 +150,7 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     elif ending == ".tbm_map":
         write_tbm_dump(out, tbm_map.grid)
     elif any(len(drive.keyframes) for drive in tbm_map.drives):
-        write_g2o(out, tbm_map.drives)
+        write_g2o(out, tbm_map.drives, tbm_map.links)
     else:
         raise TbmSlamError(f"{out}: the map has no keyframes to write: give a map that `tbmslam map` or `merge` wrote")
 

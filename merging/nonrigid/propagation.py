@@ -7,6 +7,7 @@ deformed, the maps of that set without a registration of their own are deformed 
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -96,4 +97,4 @@ def _deformed(source: TbmMap, deformation: Deformation) -> TbmMap:
     for drive in source.drives:
         poses = [deformation.motion_at(pose[:2]) @ SE2.from_array(pose) for pose in drive.keyframes.poses]
         drives.append(with_keyframes_at(drive, np.array(poses).reshape(-1, 3)))
-    return TbmMap(grid, tuple(drives), source.provenance)
+    return replace(source, grid=grid, drives=tuple(drives))

@@ -149,7 +149,7 @@ def _links(merge: Merge, merged: TbmMap) -> list[Marks]:
     """Return the loop closures between robots that the joint optimisation used."""
     if merge.joint is None or not merge.joint.closures:
         return []
-    ends = merge.joint.links.reshape(-1, 2)
+    ends = merge.joint.links.ends.reshape(-1, 2)
     points = np.array([merged.drives[drive].keyframes.poses[keyframe, :2] for drive, keyframe in ends])
     note = "loop closures between robots; the drives were optimised jointly with them"
     return [Marks(Switch(_EVIDENCE, "loops between robots", note=note), "links", points, (90, 24, 154))]

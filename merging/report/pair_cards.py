@@ -27,7 +27,7 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
         Card(
             title=f"{pair[1]} in {pair[0]}",
             verdict=_verdict(pair, merge),
-            good=merge.alignments[pair].accepted and pair not in merge.outvoted,
+            good=(merge.alignments[pair].accepted or pair in merge.used) and pair not in merge.outvoted,
             reason=f"{merge.alignments[pair].reason[:1].upper()}{merge.alignments[pair].reason[1:]}.",
             figures=_figures(merge.alignments[pair]),
             copied=_pose_words(merge.alignments[pair]),

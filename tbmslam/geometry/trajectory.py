@@ -8,7 +8,7 @@ import numpy as np
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angles
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trajectory:
     """Poses over time."""
 
@@ -25,6 +25,10 @@ class Trajectory:
             )
         if not (np.isfinite(self.stamps).all() and np.isfinite(self.poses).all()):
             raise ValueError("stamps and poses must be finite")
+
+    def __repr__(self) -> str:
+        """Return one line: the number of poses and the driven distance."""
+        return f"Trajectory({len(self)} poses, {self.driven():.1f} m)"
 
     def __len__(self) -> int:
         """Return the number of poses."""

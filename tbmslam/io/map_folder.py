@@ -36,11 +36,16 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
 
     Raises
     ------
+    TypeError
+        If it is no map; a merge of maps that do not fit together has none.
     ValueError
         If the map has no cells, or its provenance holds what JSON cannot.
     FileNotWrittenError
         If the folder or a file cannot be written.
     """
+    if not isinstance(tbm_map, TbmMap):
+        none = ": nothing was merged; print the merge for the reasons" if tbm_map is None else ""
+        raise TypeError(f"tbm_map must be a TbmMap, got {type(tbm_map).__name__}{none}")
     if not tbm_map.grid.geometry.rows * tbm_map.grid.geometry.cols:
         raise ValueError(f"tbm_map must have cells, got {tbm_map.grid.geometry}")
     folder = Path(folder)

@@ -9,7 +9,9 @@
 ``drive_K_stamps``          (N,) float64 [s]; ``drive_K_poses`` (N, 3) float64
 ``drive_K_keyframes_X``     the arrays of `Keyframes`, X being the name of the field
 ``drive_K_closures``        (C, 2) int64 keyframes between which loops were closed
-``drive_K_motions_X``       the arrays of `DriveMotions`, if the drive has any
+``drive_K_motions_X``       the arrays of `DriveMotions` between successive keyframes, if the drive has any
+``drive_K_closure_motions_X``  the same of the closures; older files have none
+``links_ends``, ``links_X``    the arrays of `DriveLinks`, if there are any
 ==========================  ==========================================================================
 
 The same map gives the same bytes. Every array is checked when it is read.
@@ -37,7 +39,7 @@ from tbmslam.belief.tiled_masses import SIDE, TiledMasses
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import replacing
-from tbmslam.map.drive import Drive, DriveMotions
+from tbmslam.map.drive import Drive, DriveLinks, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.map_check import MapFileError, check_file, check_geometry, stray_number
 from tbmslam.map.tbm_map import TbmMap
@@ -215,6 +217,7 @@ def _checked_shape(
 
 FORMAT_VERSION = 1
 _KEYFRAME_DTYPES = {"offsets": np.int64, "ranges": np.float32, "indices": np.int64}  # all others are float64
+_MOTION_KINDS = ("motions", "closure_motions")
 _KEYFRAME_NAMES = tuple(field.name for field in dataclasses.fields(Keyframes))
 
 
@@ -249,9 +252,15 @@ def _arrays(tbm_map: TbmMap, provenance: str) -> dict[str, Array | TbmGrid]:
             dtype = _KEYFRAME_DTYPES.get(name, np.float64)
             arrays[f"drive_{number}_keyframes_{name}"] = values.astype(dtype, copy=False)
         arrays[f"drive_{number}_closures"] = drive.closures.astype(np.int64, copy=False)
-        if drive.motions is not None:
-            arrays[f"drive_{number}_motions_steps"] = drive.motions.steps.astype(np.float64, copy=False)
-            arrays[f"drive_{number}_motions_informations"] = drive.motions.informations.astype(np.float64, copy=False)
+        for kind in _MOTION_KINDS:
+            motions: DriveMotions | None = getattr(drive, kind)
+            if motions is not None:
+                arrays[f"drive_{number}_{kind}_steps"] = motions.steps.astype(np.float64, copy=False)
+                arrays[f"drive_{number}_{kind}_informations"] = motions.informations.astype(np.float64, copy=False)
+    if tbm_map.links is not None:
+        arrays["links_ends"] = tbm_map.links.ends.astype(np.int64, copy=False)
+        arrays["links_steps"] = tbm_map.links.motions.steps.astype(np.float64, copy=False)
+        arrays["links_informations"] = tbm_map.links.motions.informations.astype(np.float64, copy=False)
     return arrays
 
 
@@ -276,7 +285,9 @@ def read_map_file(path: str | os.PathLike[str]) -> TbmMap:
                 _read_drive(arrays, number, str(name), grid.geometry)
                 for number, name in enumerate(arrays.read("drives", np.str_, (None,)))
             )
-            return TbmMap(grid, drives, _read_provenance(arrays))
+            motions = _read_motions(arrays, "links")
+            links = None if motions is None else DriveLinks(arrays.read("links_ends", np.int64, (None, 4)), motions)
+            return TbmMap(grid, drives, _read_provenance(arrays), links)
     # ValueError: the types refuse arrays that do not belong together; RecursionError: provenance of brackets.
     except (NpzError, ValueError, RecursionError) as error:
         raise MapFileError(f"{path}: is not a map of tbmslam, or is damaged: {error}: build the map again") from error
@@ -325,15 +336,16 @@ def _read_drive(arrays: ArrayZip, number: int, name: str, geometry: GridGeometry
         )
         for field in _KEYFRAME_NAMES
     }
-    closures, motions = arrays.read(f"drive_{number}_closures", np.int64, (None, 2)), _read_motions(arrays, number)
-    drive = Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes), closures, motions)
+    closures = arrays.read(f"drive_{number}_closures", np.int64, (None, 2))
+    motions = {kind: _read_motions(arrays, f"drive_{number}_{kind}") for kind in _MOTION_KINDS}
+    drive = Drive(name, Trajectory(stamps, poses), Keyframes(**keyframes), closures, **motions)
     if (stray := stray_number(drive, geometry)) is not None:
         raise ValueError(stray)
     return drive
 
 
-def _read_motions(arrays: ArrayZip, number: int) -> DriveMotions | None:
-    steps, informations = (f"drive_{number}_motions_{name}" for name in ("steps", "informations"))
+def _read_motions(arrays: ArrayZip, prefix: str) -> DriveMotions | None:
+    steps, informations = f"{prefix}_steps", f"{prefix}_informations"
     if steps not in arrays:
         return None
     return DriveMotions(arrays.read(steps, np.float64, (None, 3)), arrays.read(informations, np.float64, (None, 3, 3)))

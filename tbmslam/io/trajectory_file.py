@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angles
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
-from tbmslam.map.drive import Drive
+from tbmslam.map.drive import Drive, DriveLinks, DriveMotions
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 from tbmslam.special_file import why_unreadable
 
@@ -142,34 +142,55 @@ def _laser_pose(place: str, line: str) -> tuple[float, float, float, float]:
 _UPPER = np.triu_indices(3)
 
 
-def write_g2o(path: str | os.PathLike[str], drives: Iterable[Drive]) -> None:
+def write_g2o(path: str | os.PathLike[str], drives: Iterable[Drive], links: DriveLinks | None = None) -> None:
     """Write a pose graph atomically.
 
-    A vertex is the pose of the laser at a keyframe, in the map's frame. An edge is the motion to the next keyframe as
-    odometry and scans measured it, with its information. Loop closures are comments: what was measured is not kept, and
-    the vertices obey them. Source of the format: g2o, `VERTEX_SE2 id x y theta` and `EDGE_SE2 from to dx dy dtheta`
-    with the upper triangle of the information by rows.
+    A vertex is the pose of the laser at a keyframe, in the map's frame. The edges are the motions to the next keyframe
+    as odometry and scans measured them, then the motions of the loop closures, all with their information. Closures
+    between drives follow. Comments at the end name the vertices of each drive, and closures whose motion is unknown;
+    old maps hold none. Source of the format: g2o, `VERTEX_SE2 id x y theta` and `EDGE_SE2 from to dx dy dtheta` with
+    the upper triangle of the information by rows.
     """
-    lines: list[str] = []
-    first = 0
+    vertices, edges, comments, starts = list[str](), list[str](), list[str](), list[int]()
     for drive in drives:
-        lines += _graph_lines(drive, first)
-        first += len(drive.keyframes)
-    write_text(path, "".join(f"{line}\n" for line in lines))
+        starts.append(first := len(vertices))
+        vertices += _vertex_lines(drive, first)
+        edges += _graph_edge_lines(drive, first)
+        comments += _comment_lines(drive, first)
+    if links is not None:
+        edges += _edge_lines(np.array(starts)[links.ends[:, ::2]] + links.ends[:, 1::2], links.motions)
+    # The comments come last, since GTSAM 4.3 ignores all edges after a line that is no edge or vertex.
+    write_text(path, "".join(f"{line}\n" for line in (*vertices, *edges, *comments)))
 
 
-def _graph_lines(drive: Drive, first: int) -> Iterator[str]:
-    """Yield the lines of a drive, with the number of its first vertex."""
-    yield f"# drive {drive.name}"
+def _vertex_lines(drive: Drive, first: int) -> Iterator[str]:
+    """Yield the vertices of a drive, with the number of its first one."""
     for number, pose in enumerate(drive.keyframes.all_sensor_poses(), first):
         yield f"VERTEX_SE2 {number} {_spaced(pose)}"
+
+
+def _graph_edge_lines(drive: Drive, first: int) -> Iterator[str]:
+    """Yield the edges of a drive."""
     if drive.motions is not None:
-        for number, (step, information) in enumerate(
-            zip(drive.motions.steps, drive.motions.informations, strict=True), first
-        ):
-            yield f"EDGE_SE2 {number} {number + 1} {_spaced(step)} {_spaced(information[_UPPER])}"
-    for earlier, later in drive.closures.tolist():
-        yield f"# loop closure {first + earlier} {first + later}"
+        following = np.arange(len(drive.motions))
+        yield from _edge_lines(np.column_stack((following, following + 1)) + first, drive.motions)
+    if drive.closure_motions is not None:
+        yield from _edge_lines(drive.closures + first, drive.closure_motions)
+
+
+def _comment_lines(drive: Drive, first: int) -> Iterator[str]:
+    """Yield what the format has no words for."""
+    count = len(drive.keyframes)
+    yield f"# drive {drive.name}: " + (f"vertices {first} to {first + count - 1}" if count else "no vertices")
+    if drive.closure_motions is None:
+        for earlier, later in (drive.closures + first).tolist():
+            yield f"# loop closure {earlier} {later}"
+
+
+def _edge_lines(ends: IntArray, motions: DriveMotions) -> Iterator[str]:
+    """Yield the lines of motions between vertices (S, 2)."""
+    for (source, target), step, information in zip(ends.tolist(), motions.steps, motions.informations, strict=True):
+        yield f"EDGE_SE2 {source} {target} {_spaced(step)} {_spaced(information[_UPPER])}"
 
 
 def _spaced(values: Iterable[float]) -> str:

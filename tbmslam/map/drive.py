@@ -1,5 +1,6 @@
 """The drive of one robot: its trajectory, keyframes and measured motions, and their correction."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,9 +13,9 @@ _EIGENVALUES = 1e-12, 1e12
 """Limits of the eigenvalues of an information, for deviations of a micrometre and a kilometre."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DriveMotions:
-    """Motions of the laser between successive keyframes by odometry and scans, with their information.
+    """Measured motions of the laser between keyframes, with their information.
 
     The optimised poses of a drive contain its own loop closures. A joint optimisation with other robots needs the
     measurements instead: if a loop closure bent a corridor, only they show that it was straight.
@@ -43,9 +44,50 @@ class DriveMotions:
                 f"informations must be symmetric and positive definite, with eigenvalues from {least:g} to {most:g}"
             )
 
+    def __repr__(self) -> str:
+        """Return one line: the number of steps."""
+        return f"DriveMotions({len(self)} steps)"
+
     def __len__(self) -> int:
         """Return the number of steps."""
         return len(self.steps)
+
+
+@dataclass(frozen=True)
+class DriveLinks:
+    """Loop closures between the drives of a map."""
+
+    ends: IntArray
+    """Ends (C, 4): a drive and its keyframe, and the drive and keyframe that were seen from there."""
+    motions: DriveMotions
+    """The second keyframes as seen from the first ones."""
+
+    def __post_init__(self) -> None:
+        """Check that every link has a motion."""
+        if self.ends.shape != (len(self.motions), 4):
+            raise ValueError(f"ends must have shape ({len(self.motions)}, 4), got {self.ends.shape}")
+
+    def check(self, drives: Sequence["Drive"]) -> None:
+        """Raise a `ValueError` unless all ends are keyframes of these drives."""
+        counts = np.array([len(drive.keyframes) for drive in drives], dtype=np.int64)
+        numbers, keyframes = self.ends.reshape(-1, 2).T
+        if not np.all((numbers >= 0) & (numbers < len(counts))):
+            raise ValueError(f"links must be between the {len(counts)} drives")
+        if not np.all((keyframes >= 0) & (keyframes < counts[numbers])):
+            raise ValueError("links must be between keyframes of the drives")
+
+    def renumbered(self, first: int) -> "DriveLinks":
+        """Return the links after that many other drives were put before theirs."""
+        return replace(self, ends=self.ends + np.array([first, 0, first, 0]))
+
+    @classmethod
+    def joined(cls, parts: Sequence["DriveLinks"]) -> "DriveLinks | None":
+        """Return all links; None if there are none."""
+        if not any(len(part.ends) for part in parts):
+            return None
+        steps = np.concatenate([part.motions.steps for part in parts])
+        informations = np.concatenate([part.motions.informations for part in parts])
+        return cls(np.concatenate([part.ends for part in parts]), DriveMotions(steps, informations))
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,7 +103,9 @@ class Drive:
     closures: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     """Indices (C, 2) of keyframes between which a loop was closed: the earlier visit and the later one."""
     motions: DriveMotions | None = None
-    """Measured motions between keyframes; None if only the poses are known."""
+    """Motions between successive keyframes by odometry and scans; None if only the poses are known."""
+    closure_motions: DriveMotions | None = None
+    """Motions of the closures by scans, from the earlier to the later keyframe; None if only pairs are known."""
 
     def __post_init__(self) -> None:
         """Check that keyframes are on the trajectory, and that closures and motions are between keyframes."""
@@ -76,6 +120,11 @@ class Drive:
         if self.motions is not None and len(self.motions) != steps:
             raise ValueError(
                 f"there must be one motion less than the {len(self.keyframes)} keyframes, got {len(self.motions)}"
+            )
+        if self.closure_motions is not None and len(self.closure_motions) != len(self.closures):
+            raise ValueError(
+                f"there must be one motion for each of the {len(self.closures)} closures, "
+                f"got {len(self.closure_motions)}"
             )
 
     def __repr__(self) -> str:

@@ -66,7 +66,8 @@ class MapEdit:
 def without_scans(tbm_map: TbmMap) -> TbmMap:
     """Return a map whose drives have only trajectories, since a merge would render keyframes without the edits."""
     nothing = Keyframes.from_scans([], [], [])
-    return replace(tbm_map, drives=tuple(Drive(drive.name, drive.trajectory, nothing) for drive in tbm_map.drives))
+    drives = tuple(Drive(drive.name, drive.trajectory, nothing) for drive in tbm_map.drives)
+    return replace(tbm_map, drives=drives, links=None)
 
 
 def angle_to_axes(grid: TbmGrid) -> float:

@@ -10,7 +10,7 @@ from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angles
 from tbmslam.sensing.laser_scan import LaserScan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Keyframes:
     """Scans at poses, as arrays."""
 
@@ -71,6 +71,10 @@ class Keyframes:
             beam_steps=np.array([scan.beam_step for scan in scans], dtype=np.float64).reshape(-1, 3),
             indices=np.array(range(len(scans)) if indices is None else indices, dtype=np.int64),
         )
+
+    def __repr__(self) -> str:
+        """Return one line: the numbers of keyframes and of their beams."""
+        return f"Keyframes({len(self)} scans, {len(self.ranges)} beams)"
 
     def __len__(self) -> int:
         """Return the number of keyframes."""

@@ -136,7 +136,8 @@ def stray_number(drive: Drive, geometry: GridGeometry) -> str | None:
     lengths = np.abs(keyframes.ranges)
     if (far := lengths[np.isfinite(lengths) & (lengths > MAX_DISTANCE)]).size:
         return f"a beam is {far[0]:.3g} m long, more than {MAX_DISTANCE:.0f} m"
-    steps = np.zeros((0, 3)) if drive.motions is None else drive.motions.steps
+    measured = [motions.steps for motions in (drive.motions, drive.closure_motions) if motions is not None]
+    steps = np.concatenate([np.zeros((0, 3)), *measured])
     if (stray := _first(np.abs(steps[:, :2]), MAX_DISTANCE)) is not None:
         x, y = steps[stray, :2]
         return f"a step of the robot is {x:.3g}, {y:.3g} m, more than {MAX_DISTANCE:.0f} m"

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_occupancy, occupancy_of
 from tbmslam.belief.grid_resampling import canvas_of, resample
 from tbmslam.geometry.se2 import SE2
-from tbmslam.map.drive import Drive
+from tbmslam.map.drive import Drive, DriveLinks
 from tbmslam.map.map_check import check_geometry
 from tbmslam.map.map_image import PixelRule, occupancy_of_image, read_image
 
@@ -29,6 +29,13 @@ class TbmMap:
     """The drives of the map, in its frame."""
     provenance: Mapping[str, object] = field(default_factory=dict)
     """Origin of the map: recording, configuration, versions; any JSON."""
+    links: DriveLinks | None = None
+    """Loop closures between the drives of a merged map; None if there are none, or they are unknown."""
+
+    def __post_init__(self) -> None:
+        """Check that the links are between keyframes."""
+        if self.links is not None:
+            self.links.check(self.drives)
 
     def __repr__(self) -> str:
         """Return its size and its drives in a line."""
@@ -165,4 +172,4 @@ class TbmMap:
 
     def moved(self, T_new_old: SE2, grid: TbmGrid) -> "TbmMap":
         """Return the map in another frame, with transformed drives and the given resampled grid."""
-        return TbmMap(grid, tuple(drive.transformed(T_new_old) for drive in self.drives), self.provenance)
+        return replace(self, grid=grid, drives=tuple(drive.transformed(T_new_old) for drive in self.drives))

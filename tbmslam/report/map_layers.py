@@ -116,7 +116,7 @@ def incident_layer(drive: Drive, incidents: object, group: str) -> list[Marks]:
     stamps = drive.trajectory.stamps  # not sorted where the clock stepped back
     nearest = [int(np.argmin(np.abs(stamps - float(one["stamp"])))) for one in known]
     switch = Switch(
-        group, drive.name, "incidents", shown=True, note="incidents of the drive; point at a dot to read its text"
+        group, drive.name, "inci\u00addents", shown=True, note="incidents of the drive; point at a dot to read its text"
     )
     texts = [
         f"{_time_of(one, float(stamps[index] - stamps[0]))}: {one.get('what')}"

@@ -150,7 +150,7 @@ def _range(areas: list[float]) -> str:
 
 def _table(robots: Mapping[str, MappedRobot]) -> Table:
     heads = (
-        *("robot", "recording", "#scans used", "#of", "#key-frames", "#driven [m]", "#duration [s]"),
+        *("robot", "recording", "#scans used", "#of", "#key\u00adframes", "#driven [m]", "#duration [s]"),
         *("#loops closed", "#moved by loops [m]", "#known [m²]", "#cell [m]"),
     )
     rows = [row for name, robot in robots.items() for row in _rows(name, robot)]

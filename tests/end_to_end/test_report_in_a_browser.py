@@ -1,5 +1,6 @@
 """The reports of both programs as people open them: from disk, in a real browser, without a network."""
 
+import itertools
 import re
 
 import cv2
@@ -7,6 +8,9 @@ import numpy as np
 import pytest
 
 from tbmslam.io.map_folder import load_map
+from tbmslam.report.map_layers import drive_layers, incident_layer, map_layers
+from tbmslam.report.page import Page
+from tbmslam.report.sheet import Marks, Sheet, Switch
 from tests.browser import OpenPage, browser_window
 from tests.end_to_end.programs import build, merge_maps, simulate
 from tests.reference import is_inside
@@ -227,6 +231,33 @@ def test_the_end_of_a_long_name_is_shown_because_robots_differ_there(merged, win
     name.evaluate("(cell) => cell.append('-of-a-recording-with_a_long_name_2026-11-26_0')")
     assert name.evaluate("(cell) => cell.scrollWidth <= cell.clientWidth")
     assert name.bounding_box()["height"] > 2 * page.locator("#layers tbody tr").nth(1).bounding_box()["height"]
+
+
+def test_the_heads_of_five_columns_of_switches_do_not_touch(merged, window, tmp_path):
+    tbm_map = load_map(merged)
+    columns = list[Marks]()
+    for drive in tbm_map.drives:
+        walls = Marks(Switch("Robots", drive.name, "map"), "dots", drive.keyframes.poses[:, :2], (0, 0, 0))
+        incidents = [{"stamp": drive.trajectory.stamps[0], "what": "a gap"}]
+        lines = drive_layers([drive], [(0, 0, 200)], "Robots", 0.05)
+        columns += [walls, *lines, *incident_layer(drive, incidents, "Robots")]
+    page = Page("Merge", "merged", sheets=[Sheet("Merged map", (*map_layers(tbm_map.grid), *columns))])
+    (tmp_path / "report.html").write_text(page.to_html(), encoding="utf-8")
+    opened = OpenPage(window, tmp_path / "report.html")
+    extents = opened.page.locator("#layers th[scope=col]").evaluate_all(
+        """(heads) => heads.map((head) => {
+          const range = document.createRange();
+          range.selectNodeContents(head);
+          const { left, right } = range.getBoundingClientRect();
+          return [left, right];
+        })"""
+    )
+    assert len(extents) == 5
+    gaps = [after[0] - before[1] for before, after in itertools.pairwise(extents)]
+    assert min(gaps) >= 4
+    panel = opened.page.locator("#layers").bounding_box()
+    assert extents[-1][1] <= panel["x"] + panel["width"] - 10
+    assert opened.page.locator("#layers table").evaluate("(table) => table.scrollWidth <= table.clientWidth")
 
 
 def test_distances_are_measured_poses_copied_and_parameters_found(flat_maps, window, tmp_path):

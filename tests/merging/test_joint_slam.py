@@ -10,7 +10,7 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from merging.config.groups import JointConfig
 from merging.joint_slam import Track, refine_jointly
 from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
@@ -154,10 +154,15 @@ def test_a_distorted_drive_is_corrected_by_the_other_drive(bent_pair):
     assert np.abs(second[:, 1] - truth[:, 1]).max() < 0.2  # the bend is shared by two drives equally stiff
     np.testing.assert_allclose(result.maps["b"].drives[0].trajectory.poses[:, :2], second[:, :2], atol=1e-6)
     assert result.closures >= JointConfig().min_closures
-    assert result.links.shape == (result.closures, 4)
-    for one, here, other, there in result.links:
+    assert result.links.ends.shape == (result.closures, 4)
+    drives, seen = [result.maps[name].drives[0] for name in "ab"], []
+    for one, here, other, there in result.links.ends:
         assert {one, other} == {0, 1}
         assert np.hypot(*((first, second)[one][here] - (first, second)[other][there])[:2]) < 6.0
+        seen.append(drives[one].keyframes.sensor_pose(here).to(drives[other].keyframes.sensor_pose(there)))
+    off = compose(inverse(result.links.motions.steps), np.array(seen))
+    assert np.median(np.hypot(*off[:, :2].T)) < 0.1
+    assert np.median(np.abs(off[:, 2])) < 0.01
     assert result.moved_m > 0.02
     assert result.maps["b"].grid.is_known().sum() > 1000
 

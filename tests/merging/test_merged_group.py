@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.drive import Drive
+from tbmslam.map.edits import without_scans
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.rendering import MapConfig, render
 from tbmslam.map.tbm_map import TbmMap
@@ -62,6 +64,26 @@ def fused(one, maps, *how):
     assert one.joint is not None
     layers = [warp(joined.grid, SE2.identity(), maps["a"].grid.geometry) for joined in one.joint.maps.values()]
     return fuse(layers, *how)
+
+
+def test_the_loops_between_drives_are_kept_through_a_second_merge(maps):
+    pair = merged(maps)
+    links = pair.merged.links
+    assert links is not None
+    np.testing.assert_array_equal(links.ends, pair.joint.links.ends)
+    unplaced = replace(maps["a"], drives=(replace(maps["a"].drives[0], name="alone"),))
+    again = merge_group(
+        {"alone": unplaced, "pair": pair.merged},
+        Group({"alone": SE2.identity(), "pair": SE2.identity()}),
+        MergeConfig(joint={"enabled": False}),
+        Progress(),
+    )
+    assert [drive.name for drive in again.merged.drives] == ["alone", "a/robot", "b/robot"]
+    np.testing.assert_array_equal(again.merged.links.ends, links.ends + np.array([1, 0, 1, 0]))
+    np.testing.assert_array_equal(again.merged.links.motions.steps, links.motions.steps)
+    assert again.merged.moved(SE2(1.0, 0.0, 0.0), again.merged.grid).links is again.merged.links
+    assert without_scans(pair.merged).links is None
+    assert merged(maps, joint={"enabled": False}).merged.links is None
 
 
 def test_jointly_optimised_drives_are_rendered_into_one_grid(maps):

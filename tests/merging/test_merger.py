@@ -1,3 +1,4 @@
+import html
 import json
 import math
 
@@ -158,6 +159,12 @@ def test_every_robot_s_drive_moves_along(rooms):
     json.dumps(merged.provenance)
 
 
+def test_drives_of_one_name_are_named_after_their_maps_once(rooms):
+    maps = three_parts(rooms(1))
+    merged = merge({"1/robot_0": maps["a"], "robot_0": maps["b"], "c": maps["c"]}, CONFIG).merged
+    assert [drive.name for drive in merged.drives] == ["1/robot_0", "robot_0", "c/robot_0"]
+
+
 def test_a_merge_can_be_merged(rooms):
     maps = three_parts(rooms(1))
     two = merge({name: maps[name] for name in "ab"}, CONFIG).merged
@@ -173,9 +180,23 @@ def test_nothing_in_common_merges_nothing(rooms):
     assert dict(result.poses) == {}
     assert dict(result.left_out) == dict.fromkeys(["one", "two"], "no other map could be aligned with it")
     why = "no other map could be aligned with it"
-    assert repr(result) == f"Merge of 2 maps: merged none\n  one: {why}\n  two: {why}"
+    surest = f"surest pair, two in one: {result.alignments['one', 'two'].reason}"
+    assert repr(result) == f"Merge of 2 maps: merged none\n  one: {why}\n  two: {why}\n  {surest}"
     assert result._repr_png_() is None
-    assert result._repr_html_() == f"<p>Merge of 2 maps: merged none</p><p>one: {why}</p><p>two: {why}</p>"
+    lines = ("Merge of 2 maps: merged none", f"one: {why}", f"two: {why}", html.escape(surest))
+    assert result._repr_html_() == "".join(f"<p>{line}</p>" for line in lines)
+
+
+def test_maps_without_names_are_refused(rooms):
+    maps = [TbmMap(rooms(1)), TbmMap(rooms(1))]
+    with pytest.raises(TypeError, match=r"^maps must be a dict of maps by name, such as .*, got list$"):
+        merge(maps, CONFIG)
+
+
+def test_what_is_no_map_is_refused_by_its_name(rooms):
+    maps = {"one": TbmMap(rooms(1)), "two": rooms(1)}
+    with pytest.raises(TypeError, match=r"^maps must hold TbmMaps, got TbmGrid for two$"):
+        merge(maps, CONFIG)
 
 
 def test_contradicting_accepted_alignments_are_the_reason(rooms, monkeypatch):

@@ -60,6 +60,10 @@ def test_the_map_holds_the_closures_and_the_distance_that_they_moved_the_drive(d
     assert (
         0.0 < np.hypot(*(steps - drive.motions.steps)[:, :2].T).max() < 0.05
     )  # loops bend a drive, a little everywhere
+    assert drive.closure_motions is not None
+    first, second = lasers[drive.closures[:, 0]], lasers[drive.closures[:, 1]]
+    seen = compose(inverse(first), second) - drive.closure_motions.steps
+    assert 0.0 < np.hypot(*seen[:, :2].T).max() < 0.1
 
 
 def test_keyframes_tell_which_poses_of_the_drive_they_are_where_stamps_step_back(drive_in):

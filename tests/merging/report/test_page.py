@@ -48,10 +48,10 @@ def test_the_page_of_a_merge_has_all_layers_poses_and_warnings(maps):
         *(("Map", name, "") for name in ("pignistic", "occupied", "free", "unknown", "conflict")),
         *(("Robots", name, "map") for name in ("here", "there")),
         *(("Robots", name, column) for name in ("here", "there") for column in ("drive", "key\u00adframes", "loops")),
-        ("Robots", "here", "incidents"),
+        ("Robots", "here", "inci\u00addents"),
         *(("Evidence", name, "") for name in ("overlap", "contradictions")),
     ]
-    (incidents,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "incidents")
+    (incidents,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "inci\u00addents")
     np.testing.assert_allclose(incidents.points, [result.poses["here"].apply([3.0, 3.0])], atol=1e-6)
     assert incidents.texts == ["1.0 s: the stamps of the scans step back"]
     table = page.tables[0]
@@ -115,7 +115,7 @@ def test_ambiguous_and_outvoted_pairs_and_unsure_poses_are_warned_of(maps):
 def test_a_map_left_out_shows_where_it_had_trouble(maps):
     maps["foreign"] = replace(maps["foreign"], drives=maps["here"].drives, provenance=PROVENANCE)
     page = merge_page(merge(maps, CONFIG), maps, CONFIG, {}, RunInfo())
-    (incidents,) = (layer for layer in page.sheets[1].layers if layer.switch.column == "incidents")
+    (incidents,) = (layer for layer in page.sheets[1].layers if layer.switch.column == "inci\u00addents")
     assert incidents.texts == ["1.0 s: the stamps of the scans step back"]
 
 
@@ -136,7 +136,7 @@ def test_warnings_of_the_parts_of_a_merged_map_are_shown(maps):
     again = {"both": first, "foreign": maps["foreign"]}
     page = merge_page(merge(again, CONFIG), again, CONFIG, {}, RunInfo())
     assert "both: here: 3 scans are stamped earlier than the scan before" in page.warnings
-    (incidents,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "incidents")
+    (incidents,) = (layer for layer in page.sheets[0].layers if layer.switch.column == "inci\u00addents")
     assert incidents.texts == ["1.0 s: the stamps of the scans step back"]
     odd = replace(first, provenance={"merged_from": {"here": 3, "there": {"provenance": []}}, "warnings": 1})
     again = {"both": odd, "foreign": maps["foreign"]}

@@ -55,20 +55,20 @@ def test_alternatives_of_an_ambiguous_pair_are_pictured(maps):
 
 
 @pytest.mark.parametrize(
-    ("accepted", "used", "outvoted", "verdict"),
+    ("accepted", "used", "outvoted", "verdict", "good"),
     [
-        (True, (), (("a", "b"),), "accepted, but outvoted"),
-        (False, (("a", "b"),), (), "confirmed by others"),
-        (False, (), (), "refused"),
+        (True, (), (("a", "b"),), "accepted, but outvoted", False),
+        (False, (("a", "b"),), (), "confirmed by others", True),
+        (False, (), (), "refused", False),
     ],
 )
-def test_what_the_other_maps_made_of_a_pair(rooms, accepted, used, outvoted, verdict):
+def test_what_the_other_maps_made_of_a_pair(rooms, accepted, used, outvoted, verdict, good):
     found = Alignment("correlation", accepted=accepted, reason="r")
     result = Merge(None, {}, {("a", "b"): found}, {}, None, None, used, outvoted)
     empty = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 4))
     (card,), _ = pair_cards.pair_cards(result, {"a": TbmMap(rooms(1)), "b": TbmMap(empty)}, CONFIG)
     assert card.verdict == verdict
-    assert not card.good
+    assert card.good is good
     assert [picture.caption for picture in card.pictures] == ["The walls of a."]
 
 

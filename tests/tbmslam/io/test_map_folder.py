@@ -177,6 +177,14 @@ def test_a_pipe_is_not_waited_for(tmp_path):
         load_map(tmp_path / "map.npz")
 
 
+def test_the_missing_map_of_a_merge_is_named(tmp_path):
+    with pytest.raises(TypeError, match=r"TbmMap, got NoneType: nothing was merged; print the merge for the reasons$"):
+        save_map(tmp_path / "map", None)
+    with pytest.raises(TypeError, match=r"TbmMap, got TbmGrid$"):
+        save_map(tmp_path / "map", some_grid())
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_map_without_cells_is_a_wrong_argument(tmp_path):
     with pytest.raises(ValueError, match="tbm_map must have cells, got GridGeometry"):
         save_map(tmp_path / "out", TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 0, 0))))

@@ -9,7 +9,7 @@ from tbmslam.belief.tiled_masses import TiledMasses
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_npz import ArrayZip, read_map_file, write_map_file, write_npz
-from tbmslam.map.drive import Drive, DriveMotions
+from tbmslam.map.drive import Drive, DriveLinks, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.map_check import MapFileError
 from tbmslam.map.tbm_map import TbmMap
@@ -35,6 +35,7 @@ def drive(name, scans=2):
         DriveMotions(np.full((scans - 1, 3), 0.1), np.tile(np.diag([1e4, 2e4, 1e6]), (scans - 1, 1, 1)))
         if scans
         else None,
+        DriveMotions(np.array([[0.1, -0.3, 0.2]]), np.diag([3e4, 1e4, 2e6])[None]) if scans else None,
     )
 
 
@@ -64,17 +65,39 @@ def test_what_is_written_is_read(tbm_map, tmp_path):
             for name, values in vars(getattr(wanted, part)).items():
                 np.testing.assert_array_equal(getattr(getattr(found, part), name), values, err_msg=name)
         np.testing.assert_array_equal(found.closures, wanted.closures)
-    measured, none = (found.motions for found in read.drives)
-    assert none is None
-    assert measured is not None
-    np.testing.assert_array_equal(measured.steps, tbm_map.drives[0].motions.steps)
-    np.testing.assert_array_equal(measured.informations, tbm_map.drives[0].motions.informations)
+    for kind in ("motions", "closure_motions"):
+        measured, none = (getattr(found, kind) for found in read.drives)
+        assert none is None
+        assert measured is not None
+        np.testing.assert_array_equal(measured.steps, getattr(tbm_map.drives[0], kind).steps)
+        np.testing.assert_array_equal(measured.informations, getattr(tbm_map.drives[0], kind).informations)
+
+
+def test_loops_between_drives_come_back(tmp_path, tbm_map):
+    drives = (drive("a"), drive("b", scans=3))
+    links = DriveLinks(
+        np.array([[0, 1, 1, 2]]), DriveMotions(np.array([[0.1, 0.2, 0.3]]), np.diag([1e4, 2e4, 1e6])[None])
+    )
+    write_map_file(tmp_path / "map.npz", TbmMap(tbm_map.grid, drives, links=links))
+    read = read_map_file(tmp_path / "map.npz").links
+    np.testing.assert_array_equal(read.ends, links.ends)
+    np.testing.assert_array_equal(read.motions.steps, links.motions.steps)
+    np.testing.assert_array_equal(read.motions.informations, links.motions.informations)
+    with np.load(tmp_path / "map.npz") as archive:
+        arrays = dict(archive)
+    for column, wrong, message in ((2, 2, "between the 2 drives"), (1, -1, "keyframes of the drives")):
+        broken = links.ends.copy()
+        broken[0, column] = wrong
+        write_npz(tmp_path / "bad.npz", {**arrays, "links_ends": broken})
+        with pytest.raises(MapFileError, match=message):
+            read_map_file(tmp_path / "bad.npz")
 
 
 def test_a_map_without_drives_is_one_too(tbm_map, tmp_path):
     write_map_file(tmp_path / "map.npz", TbmMap(tbm_map.grid))
     read = read_map_file(tmp_path / "map.npz")
     assert read.drives == ()
+    assert read.links is None
     assert read.provenance == {}
 
 
@@ -87,12 +110,15 @@ def test_the_same_map_gives_the_same_bytes(tbm_map, tmp_path):
 def test_a_map_without_motions_is_read(tbm_map, tmp_path):
     arrays = {k: v for k, v in arrays_of(tbm_map, tmp_path / "map.npz").items() if "_motions_" not in k}
     write_npz(tmp_path / "old.npz", arrays)
-    assert [drive.motions for drive in read_map_file(tmp_path / "old.npz").drives] == [None, None]
+    drives = read_map_file(tmp_path / "old.npz").drives
+    assert [(drive.motions, drive.closure_motions) for drive in drives] == [(None, None), (None, None)]
+    assert len(drives[0].closures) == 1
 
 
-def test_motions_that_are_none_are_refused(tbm_map, tmp_path):
+@pytest.mark.parametrize("kind", ["motions", "closure_motions"])
+def test_motions_that_are_none_are_refused(tbm_map, tmp_path, kind):
     arrays = arrays_of(tbm_map, tmp_path / "map.npz")
-    arrays["drive_0_motions_informations"] = -arrays["drive_0_motions_informations"]
+    arrays[f"drive_0_{kind}_informations"] = -arrays[f"drive_0_{kind}_informations"]
     write_npz(tmp_path / "bad.npz", arrays)
     with pytest.raises(MapFileError, match="informations must be symmetric and positive definite"):
         read_map_file(tmp_path / "bad.npz")
@@ -180,6 +206,8 @@ def moved(name, column, value):
         (moved("drive_0_keyframes_beam_steps", 1, 1e9), "a beam of the robot lies at 0, 1e[+]09 m, more than 1000 m"),
         (moved("drive_0_motions_steps", 1, 1e9), "a step of the robot is .*, 1e[+]09 m, more than 10000 m"),
         (moved("drive_0_motions_steps", 2, 1e9), "an angle is 1e[+]09 rad, more than 1000"),
+        (moved("drive_0_closure_motions_steps", 0, 2e4), "a step of the robot is 2e[+]04, .* m, more than 10000 m"),
+        (set_value("drive_0_closures", np.zeros((0, 2), np.int64)), "one motion for each of the 0 closures, got 1"),
         (moved("drive_0_keyframes_beams", 1, -1e6), "an angle is 1e[+]06 rad"),
         (
             lambda arrays: arrays["drive_0_keyframes_ranges"].put(3, -3e38),

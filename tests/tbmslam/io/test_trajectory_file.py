@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tbmslam.geometry.se2 import SE2, compose
+from tbmslam.geometry.se2 import SE2, compose, inverse, log
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.trajectory_file import TumError, read_reference, read_tum, write_g2o, write_tum
-from tbmslam.map.drive import Drive, DriveMotions
+from tbmslam.map.drive import Drive, DriveLinks, DriveMotions
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.slam import Slam
 from tests.processes import python
 
 STAMPS = np.array([1303134554.020000001, 1303134554.070000172, 1303134554.120000124])
@@ -161,7 +162,7 @@ MOUNT = SE2(0.25, 0.0, 0.0)
 
 def drive(name, poses, **more):
     scans = [LaserScan(float(k), 0.0, 0.1, 0.1, 10.0, np.array([2.0])) for k in range(len(poses))]
-    way = Trajectory(np.arange(float(len(poses))), np.array(poses))
+    way = Trajectory(np.arange(float(len(poses))), np.array(poses).reshape(-1, 3))
     return Drive(name, way, Keyframes.from_scans(scans, poses, [MOUNT] * len(poses)), **more)
 
 
@@ -169,15 +170,67 @@ def test_two_drives_are_numbered_one_after_the_other(tmp_path):
     information = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]])
     motions = DriveMotions(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5]]), np.array([information, 2.0 * information]))
     first = drive("a", [SE2(0, 0, 0), SE2(1, 0, 0), SE2(1, 1, 0.5)], closures=np.array([[0, 2]]), motions=motions)
-    write_g2o(tmp_path / "graph.g2o", [first, drive("b", [SE2(5, 5, 0)])])
+    write_g2o(tmp_path / "graph.g2o", [first, drive("b", [SE2(5, 5, 0)]), drive("c", [])])
     assert (tmp_path / "graph.g2o").read_text().splitlines() == [
-        "# drive a",
         "VERTEX_SE2 0 0.25 0 0",
         "VERTEX_SE2 1 1.25 0 0",
         f"VERTEX_SE2 2 {1.0 + 0.25 * np.cos(0.5):.9g} {1.0 + 0.25 * np.sin(0.5):.9g} 0.5",
+        "VERTEX_SE2 3 5.25 5 0",
         "EDGE_SE2 0 1 1 0 0 4 1 0.5 3 0.25 2",
         "EDGE_SE2 1 2 0 1 0.5 8 2 1 6 0.5 4",
+        "# drive a: vertices 0 to 2",
         "# loop closure 0 2",
-        "# drive b",
-        "VERTEX_SE2 3 5.25 5 0",
+        "# drive b: vertices 3 to 3",
+        "# drive c: no vertices",
     ]
+
+
+def test_measured_loops_are_edges_like_other_motions(tmp_path):
+    information = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]])
+    loop = DriveMotions(np.array([[1.0, 1.5, 0.5]]), information[None])
+    alone = drive("a", [SE2(0, 0, 0)])
+    closed = drive("b", [SE2(5, 5, 0), SE2(6, 5, 0)], closures=np.array([[0, 1]]), closure_motions=loop)
+    write_g2o(tmp_path / "graph.g2o", [alone, closed])
+    assert (tmp_path / "graph.g2o").read_text().splitlines() == [
+        "VERTEX_SE2 0 0.25 0 0",
+        "VERTEX_SE2 1 5.25 5 0",
+        "VERTEX_SE2 2 6.25 5 0",
+        "EDGE_SE2 1 2 1 1.5 0.5 4 1 0.5 3 0.25 2",
+        "# drive a: vertices 0 to 0",
+        "# drive b: vertices 1 to 2",
+    ]
+
+
+def test_loops_between_drives_are_edges_between_their_vertices(tmp_path):
+    drives = [drive("a", [SE2(0, 0, 0), SE2(1, 0, 0)]), drive("b", [SE2(5, 5, 0), SE2(6, 5, 0)])]
+    link = DriveLinks(np.array([[1, 1, 0, 0]]), DriveMotions(np.array([[-6.0, -5.0, 0.0]]), np.eye(3)[None]))
+    write_g2o(tmp_path / "graph.g2o", drives, link)
+    edges = [line for line in (tmp_path / "graph.g2o").read_text().splitlines() if line.startswith("EDGE")]
+    assert edges == ["EDGE_SE2 3 0 -6 -5 0 1 0 0 1 0 1"]
+
+
+def test_the_edges_of_a_drive_with_loops_agree_with_its_vertices(drive_in, tmp_path):
+    slam = Slam()
+    for reading in drive_in("apartment", 90.0).readings:
+        slam.process(reading)
+    (drive_with_loops,) = slam.finish().drives
+    write_g2o(tmp_path / "graph.g2o", [drive_with_loops])
+    words = [line.split() for line in (tmp_path / "graph.g2o").read_text().splitlines()]
+    vertices = np.array([word[1:] for word in words if word[0] == "VERTEX_SE2"], dtype=np.float64)
+    edges = np.array([word[1:] for word in words if word[0] == "EDGE_SE2"], dtype=np.float64)
+    np.testing.assert_array_equal(vertices[:, 0], np.arange(len(drive_with_loops.keyframes)))
+    ends, measured = edges[:, :2].astype(int), edges[:, 2:5]
+    np.testing.assert_array_equal(ends[: len(vertices) - 1], np.arange(len(vertices) - 1)[:, None] + [0, 1])
+    loops = ends[len(vertices) - 1 :]
+    np.testing.assert_array_equal(loops, drive_with_loops.closures)
+    assert len(loops) >= 2
+    assert (loops[:, 1] - loops[:, 0]).min() > 5
+    poses = vertices[:, 1:]
+    errors = log(compose(inverse(measured), compose(inverse(poses[ends[:, 0]]), poses[ends[:, 1]])))
+    assert np.hypot(*errors[:, :2].T).max() < 0.1
+    assert np.abs(errors[:, 2]).max() < math.radians(2.0)
+    information = np.zeros((len(edges), 3, 3))
+    information[:, *np.triu_indices(3)] = edges[:, 5:]
+    information += np.swapaxes(np.triu(information, 1), 1, 2)
+    deviations = np.sqrt(np.einsum("ei,eij,ej->e", errors, information, errors))
+    assert np.median(deviations) < 3.0

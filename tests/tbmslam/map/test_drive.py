@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.map.drive import Drive, spread_corrections, with_keyframes_at
+from tbmslam.map.drive import Drive, DriveMotions, spread_corrections, with_keyframes_at
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import LaserScan
 
@@ -86,3 +86,14 @@ def test_what_lies_between_keyframes_follows_them_where_stamps_step_back(poses):
     targets = keyframes.poses + np.array([[0.0, 1.0, 0.0], [0.0, 3.0, 0.0]])
     moved = with_keyframes_at(Drive("robot", Trajectory(stamps, poses), keyframes), targets)
     np.testing.assert_allclose((moved.trajectory.poses - poses)[:, 1], [1, 1, 1, 1.5, 2, 2.5, 3, 3, 3, 3, 3])
+
+
+def test_a_drive_and_its_parts_are_shown_in_one_line_each(poses):
+    scans = [LaserScan(stamp, 0.0, 0.1, 0.1, 9.0, np.ones(3)) for stamp in (2.0, 6.0)]
+    keyframes = Keyframes.from_scans(scans, [SE2.from_array(poses[k]) for k in (2, 6)], [SE2.identity()] * 2, [2, 6])
+    motions = DriveMotions(np.array([[4.0, 0.0, 0.0]]), np.eye(3)[None])
+    drive = Drive("robot", Trajectory(np.arange(11.0), poses), keyframes, motions=motions)
+    assert repr(drive) == "Drive('robot', 11 poses, 2 keyframes)"
+    assert repr(drive.trajectory) == "Trajectory(11 poses, 10.0 m)"
+    assert repr(drive.keyframes) == "Keyframes(2 scans, 6 beams)"
+    assert repr(drive.motions) == "DriveMotions(1 steps)"
