@@ -33,7 +33,8 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.slam import Slam
 from tests.processes import python
-from tools.map_pairs import grid_of, pairs_of
+from tools.map_pairs.floors import pairs_of
+from tools.map_pairs.known_pair import grid_of
 
 YAML = (
     "image: {image}\nresolution: {resolution}\norigin: {origin}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

@@ -19,8 +19,9 @@ from merging.registration.ransac import find_consensus
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.geometry.se2 import SE2
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
-from tools.map_pairs import KnownPair
+from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.text_table import ResultTable, number, text_table
+from tools.map_pairs.known_pair import KnownPair
 
 HEAD = (
     *("area m2", "cells", "features ms", "matching ms", "transform ms", "fusion ms", "sum ms", "CPU ms", "program ms"),

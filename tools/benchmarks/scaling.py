@@ -14,7 +14,8 @@ from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.slam import Slam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.slam import CpuClock, warm_up
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
+from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.text_table import ResultTable, number, text_table
 
 HEAD = (
     *("route", "preset", "drive m", "scans", "seen m2", "box m2", "cell m"),

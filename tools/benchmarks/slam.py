@@ -28,7 +28,8 @@ from tbmslam.sensing.laser_scan import Reading
 from tbmslam.slam import Slam
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.benchmarks.recordings import RecordingSpec, beside
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
+from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.text_table import ResultTable, number, text_table
 
 WARM_UP_SCANS = 20
 """Scans of a recording that are mapped before the measurement."""

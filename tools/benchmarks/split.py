@@ -26,9 +26,10 @@ from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recordings import as_words
+from tools.command_line.measurement_record import describe_machine, finish
 from tools.command_line.paths import map_folders
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
-from tools.map_pairs import KnownPair
+from tools.command_line.text_table import ResultTable, number, text_table
+from tools.map_pairs.known_pair import KnownPair
 from tools.mapping.truth_file import NAME as TRUTH_FILE
 from tools.mapping.truth_file import read_truth_file
 
