@@ -178,7 +178,7 @@ class BagSource:
             self.connections = [connection for part in self._parts for connection in part.connections]
             spans = [part.span for part in self._parts]
         else:
-            from datasets.salvage.ros2 import salvage_mcap  # noqa: PLC0415 - needed rarely
+            from datasets.salvage.mcap_file import salvage_mcap  # noqa: PLC0415 - needed rarely
 
             found = salvage_mcap(self._file, "")
             if found.reason or found.holes:
@@ -220,7 +220,7 @@ def _is_indexed(path: Path) -> bool:
     files = [file for file in (storage_files(path) if path.is_dir() else [path]) if file.suffix == ".mcap"]
     if not files:
         return True
-    from datasets.salvage.ros2 import has_full_index  # noqa: PLC0415 - other files do not need it
+    from datasets.salvage.mcap_file import has_full_index  # noqa: PLC0415 - other files do not need it
 
     try:
         return all(map(has_full_index, files))
@@ -231,8 +231,9 @@ def _is_indexed(path: Path) -> bool:
 def _salvaged_file(file: Path, path: Path, damage: str) -> SalvagedBag:
     """Salvage a file of any format; `path` is its name in messages."""
     # Salvagers are needed rarely.
+    from datasets.salvage.mcap_file import salvage_mcap  # noqa: PLC0415
     from datasets.salvage.ros1 import salvage_ros1  # noqa: PLC0415
-    from datasets.salvage.ros2 import salvage_mcap, salvage_sqlite  # noqa: PLC0415
+    from datasets.salvage.sqlite_file import salvage_sqlite  # noqa: PLC0415
 
     try:
         if is_ros1(file):
