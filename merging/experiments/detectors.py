@@ -102,7 +102,7 @@ class _Brief:
 def contributed_detectors() -> dict[str, Detector]:
     """Return SURF and BRIEF if the installed OpenCV has them, from its contrib package.
 
-    SURF is there only where that was built with what was patented.
+    Only packages that were built with the non-free modules have SURF.
     """
     contributed: Any = getattr(cv2, "xfeatures2d", None)
     if contributed is None or not hasattr(contributed, "BriefDescriptorExtractor"):

@@ -78,7 +78,7 @@ class Deformation:
 
     def nearest_rigid(self) -> SE2:
         """Return the rigid transform that fits the tiles best."""
-        # The rotations of the tiles tell the rotation of the map where their centroids lie in one row.
+        # Centroids in one row do not determine the rotation of the map; the rotations of the tiles do.
         around = np.array([(0.0, 0.0), (self.reach_m, 0.0), (0.0, self.reach_m)])
         before = np.vstack([centroid + around for centroid in self.centroids])
         after = np.vstack(

@@ -35,8 +35,8 @@ class World:
     walls: FloatArray
     """Segments (N, 4): x0, y0, x1, y1 [m], surfaces of walls and furniture."""
     places: FloatArray
-    """Points (M, 2) [m] that robots visit: rooms, parts of corridors. A few may be under furniture; what connects most
-    of them is the inside."""
+    """Points (M, 2) [m] that robots visit: rooms, parts of corridors. A few may be under furniture; the region that
+    connects most of them is the inside."""
 
     def __post_init__(self) -> None:
         """Check the arrays' shapes, and that there are places."""
