@@ -125,15 +125,10 @@ def _trial_of(path: Path, config: "MergeConfig", weight: float, bent: bool) -> "
 
 def strangers(count: int, config: "MergeConfig", executor: "Executor") -> "list[Trial]":
     """Return the trials of simulated pairs of different places."""
-    from tbmslam.parallel.executor import Call
+    from tools.benchmarks.strangers import meetings
 
-    chunks = [range(first, min(first + _CHUNK, count)) for first in range(0, count, _CHUNK)]
-    found = executor.results([Call(f"from {chunk[0]}", _strangers, (chunk, config)) for chunk in chunks])
-    return [pair for pairs in found for pair in pairs if pair is not None]
-
-
-def _strangers(numbers: range, config: "MergeConfig") -> "list[Trial | None]":
-    return [_stranger(number, config) for number in numbers]
+    tasks = [(number, config) for number in range(count)]
+    return [trial for trial in meetings(_stranger, tasks, executor, _CHUNK) if trial is not None]
 
 
 def _stranger(number: int, config: "MergeConfig") -> "Trial | None":

@@ -204,15 +204,9 @@ def _sample_points(geometry: GridGeometry) -> FloatArray:
 def _covering(points: FloatArray, grid: TbmGrid) -> GridGeometry:
     """Return a geometry on the lattice of a grid that contains points (N, 2) and a margin."""
     g = grid.geometry
-    first = np.floor((points.min(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int) - _STEP
-    last = np.ceil((points.max(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int) + _STEP
-    return GridGeometry(
-        g.resolution,
-        g.origin_x + float(first[0]) * g.resolution,
-        g.origin_y + float(first[1]) * g.resolution,
-        int(last[1] - first[1]),
-        int(last[0] - first[0]),
-    )
+    left, top = np.floor((points.min(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int).tolist()
+    right, bottom = np.ceil((points.max(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int).tolist()
+    return g.part(top - _STEP, bottom + _STEP, left - _STEP, right + _STEP)
 
 
 _LEAST_WALL = 0.5

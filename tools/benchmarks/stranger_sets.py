@@ -15,6 +15,7 @@ from datasets.synthetic.map_pairs.pairs import Building, PlacedMap, maps_of, map
 from merging import MergeConfig, merge
 from merging.alignment import Pair
 from merging.map_graph.grouping import groups_of
+from tbmslam.parallel.executor import Executor
 from tools.benchmarks.strangers import building_of, meetings, rate_of, some_part
 from tools.command_line.measurement_record import describe_machine, finish
 from tools.command_line.text_table import ResultTable, text_table
@@ -57,7 +58,7 @@ def benchmark_sets(args: argparse.Namespace) -> None:
     """Merge sets and print the rate of false joins."""
     machine = describe_machine()
     tasks = [(index, args.seed) for index in range(args.sets)]
-    met = list(tqdm(meetings(meet_set, tasks, args.workers, 1), total=args.sets, disable=None))
+    met = list(tqdm(meetings(meet_set, tasks, Executor(args.workers), 1), total=args.sets, disable=None))
     table = summary(met)
     print(text_table(*table))
     for outcome in met:

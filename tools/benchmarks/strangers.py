@@ -79,7 +79,7 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
     left = [task for task in tasks if task[:2] not in done]
     machine = describe_machine()
     # Neighbouring tasks share a building, so a worker gets many of them at a time.
-    encountered = meetings(meet, left, args.workers, len(KINDS) * _PAIRS_A_BUILDING)
+    encountered = meetings(meet, left, Executor(args.workers), len(KINDS) * _PAIRS_A_BUILDING)
     for met, encounter in enumerate(tqdm(encountered, total=len(left), disable=None), start=1):
         done[encounter.kind, encounter.number] = encounter
         if met % _SAVED_EVERY == 0:
@@ -135,12 +135,13 @@ def _tried_before(path: Path | None, what: dict[str, object]) -> dict[tuple[str,
 
 
 def meetings(
-    meeting: Callable[..., _T], tasks: Sequence[tuple[object, ...]], workers: int, chunksize: int
+    meeting: Callable[..., _T], tasks: Sequence[tuple[object, ...]], executor: Executor, chunksize: int
 ) -> Iterator[_T]:
     """Yield the result of a meeting for each task, in this process or in several; a process gets chunks of tasks."""
-    size = chunksize if workers > 1 else 1
+    size = 1 if executor.is_serial(len(tasks)) else chunksize
     chunks = [tasks[first : first + size] for first in range(0, len(tasks), size)]
-    for outcome in Executor(workers).outcomes([Call(f"{chunk[0]}", _all_of, (meeting, chunk)) for chunk in chunks]):
+    calls = [Call(f"{index}", _all_of, (meeting, chunk)) for index, chunk in enumerate(chunks)]
+    for outcome in executor.outcomes(calls):
         if isinstance(outcome, TbmSlamError):
             raise outcome
         yield from outcome

@@ -113,13 +113,7 @@ def _covering(bounds: tuple[float, float, float, float], cells: GridGeometry, ma
     bottom, left = min(bottom, 0), min(left, 0)
     if not cells.rows:  # an empty lattice: only the bounds count
         bottom, left = cells.cell_at(min_x - margin, min_y - margin)
-    return GridGeometry(
-        cells.resolution,
-        cells.origin_x + left * cells.resolution,
-        cells.origin_y + bottom * cells.resolution,
-        max(top + 1, cells.rows) - bottom,
-        max(right + 1, cells.cols) - left,
-    )
+    return cells.part(bottom, max(top + 1, cells.rows), left, max(right + 1, cells.cols))
 
 
 def _window(labels: Labels, whole: GridGeometry, part: GridGeometry) -> Labels:
