@@ -3,7 +3,6 @@
 import argparse
 import math
 import statistics
-import sys
 import time
 import zlib
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ from tbmslam.belief.grid import TbmGrid, walls_and_free
 from tbmslam.geometry.se2 import SE2, BoolArray
 from tools.calibration.calibration_report import BINS, calibration_table
 from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
 from tools.map_pairs.known_pair import KnownPair
 
@@ -96,7 +96,7 @@ def _measure_all(paths: Sequence[Path], method: str) -> list[PairResult]:
     results = []
     for path in paths:
         results.append(measure(path, method))
-        sys.stderr.write(f"benchmark: {method} {path.stem}: {results[-1].reason}\n")
+        say(f"benchmark: {method} {path.stem}: {results[-1].reason}")
     return results
 
 

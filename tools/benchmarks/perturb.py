@@ -2,7 +2,6 @@
 
 import argparse
 import logging
-import sys
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.perturbations import UNPERTURBED, Perturbation, config_with, perturbations
 from tools.benchmarks.recordings import DriveErrors, RecordingSpec, drive_errors, truth_beside
 from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
 
 
@@ -97,7 +97,7 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
     for index, answer in in_fresh_processes(run_perturbed, tasks, args.jobs):
         answers[index] = answer
         spec, perturbation = tasks[index]
-        sys.stderr.write(f"benchmark: {len(answers)}/{len(tasks)} {spec.path.name} {perturbation.name}\n")
+        say(f"benchmark: {len(answers)}/{len(tasks)} {spec.path.name} {perturbation.name}")
         if perturbation is UNPERTURBED and isinstance(answer, MeasurementError):
             raise answer
     record: list[dict[str, Any]] = []
