@@ -17,10 +17,10 @@ from datasets.odometry.source import Mounting, TopicMotion
 from datasets.odometry.synchronisation import Pairing, scaled, turned_over
 from datasets.options import RecordingOptions
 from datasets.recording import Recording, in_blocks
-from datasets.scans.cleaning import KNOWN_CODES, RangeRules, find_no_return_code
+from datasets.scans.cleaning import RangeRules
 from datasets.scans.intake import ScanIntake
 from datasets.text_files import lines_of
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 
 logger = logging.getLogger(__name__)
@@ -159,12 +159,8 @@ def _with_points(line: str) -> str:
 
 def _range_rules(samples: list[LoggedScan], options: RecordingOptions, settings: LogSettings) -> RangeRules:
     """Return the rules for reading ranges, with a no-return code found in the data."""
-    codes = (*KNOWN_CODES, *options.no_return_codes)
-    high = options.range_max or settings.range_max
-    ranges: list[FloatArray] = [np.asarray(s.raw.ranges, dtype=np.float64) for s in samples]
-    found = find_no_return_code([scan[scan < high] for scan in ranges], codes)
-    codes = codes if found is None else (*codes, found)
-    return RangeRules(options.range_min, options.range_max, codes, options.no_return, options.range_offset)
+    ranges = [np.asarray(sample.raw.ranges, dtype=np.float64) for sample in samples]
+    return RangeRules.of(options).with_code_of(ranges, options.range_max or settings.range_max)
 
 
 def _readings(

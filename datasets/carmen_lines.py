@@ -40,7 +40,7 @@ class LogSettings(NamedTuple):
     range_max: float = SICK_RANGE_MAX
     """Limit of a laser whose lines state none [m]."""
     times: Literal["ipc", "logger", "none"] = "ipc"
-    """Times to use: when messages were made, or when they were logged; "none" if neither tells times."""
+    """Times to use: when messages were made, or when they were logged; "none" if neither is known."""
     odometry: Literal["second", "first"] = "second"
     """Pose of a FLASER to use."""
 

@@ -222,26 +222,24 @@ def _empty(blocks: _Blocks) -> None:
         return
 
 
+_CACHE_BYTES = 512 * 2**20
 _OVERHEAD_BYTES = 1000  # Python objects around the ranges of one reading
 
 
-def cached(recording: Recording, limit_bytes: int = 512 * 2**20) -> Recording:
+def cached(recording: Recording) -> Recording:
     """Return the same recording, kept in memory after its first complete pass where it fits.
 
     A small bag is then decompressed once although it is read several times; a large one is streamed each time.
     """
-    if limit_bytes < 0:
-        raise ValueError(f"limit_bytes must not be negative, got {limit_bytes}")
-    memory = _Memory(recording, limit_bytes)
+    memory = _Memory(recording)
     return Recording(recording.name, memory.stream, recording.description, recording.expected_scans)
 
 
 class _Memory:
     """Readings and counts of the first complete pass."""
 
-    def __init__(self, recording: Recording, limit_bytes: int) -> None:
+    def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._limit_bytes = limit_bytes
         self._readings: list[Reading] | None = None
         self._too_large = False
 
@@ -260,7 +258,7 @@ class _Memory:
         for reading in self._recording:
             yield reading
             used += reading.scan.ranges.nbytes + _OVERHEAD_BYTES
-            self._too_large = self._too_large or used > self._limit_bytes
+            self._too_large = self._too_large or used > _CACHE_BYTES
             if self._too_large:
                 kept.clear()
             else:

@@ -13,11 +13,11 @@ _OPENERS = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\0", lzma.o
 _LONGEST_LINE = 1 << 22  # a few bytes may be decompressed to a line that fills the memory
 
 
-def first_bytes(path: Path, number: int = 4096) -> bytes:
+def first_bytes(path: Path) -> bytes:
     """Return the beginning of a file, decompressed if needed; raise a `DatasetError` if that fails."""
     try:
         with open_unpacked(path) as stream:
-            return stream.read(number)
+            return stream.read(4096)
     except (OSError, EOFError, lzma.LZMAError) as error:
         raise _damaged(path, error) from error
 

@@ -30,14 +30,14 @@ Covariance = tuple[tuple[float, ...], ...]
 """Covariance of an error in x, y [m] and theta [rad] in the source's frame, three rows of three."""
 
 _MANY_WALLS = 4000
-"""Number of wall cells of a map that suffices."""
+"""Most wall cells of a map that are compared for a covariance."""
 
 Pair = tuple[str, str]
 """The names of a target and a source map."""
 
 
 _SURE = 0.999
-"""Largest probability of a hypothesis; the smallest is the rest to 1."""
+"""Largest probability of a hypothesis; the smallest is 1 minus this."""
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ class Alignment:
         values["scale"] = self.scale if self.scale is not None and math.isfinite(self.scale) else None
         for alternative in values["alternatives"]:
             alternative["T_target_source"] = list(alternative["T_target_source"])
-            del alternative["accepted"]  # no alternative is
+            del alternative["accepted"]  # an alternative is never accepted
         return values
 
 

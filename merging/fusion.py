@@ -78,9 +78,9 @@ def window_over(source: GridGeometry, T_target_source: SE2, lattice: GridGeometr
             "pass coarser ones by --resolution and --compare-at, or correct the map's resolution"
         )
     # Rounding must not add a row of cells that the source does not reach.
-    first = np.floor(cells.min(axis=0) + 1e-6).astype(int)
-    last = np.ceil(cells.max(axis=0) - 1e-6).astype(int)
-    return _window(lattice, first, last)
+    first_col, first_row = np.floor(cells.min(axis=0) + 1e-6).astype(int).tolist()
+    last_col, last_row = np.ceil(cells.max(axis=0) - 1e-6).astype(int).tolist()
+    return lattice.part(first_row, last_row, first_col, last_col)
 
 
 def canvas_over(windows: list[GridGeometry]) -> GridGeometry:
@@ -89,8 +89,8 @@ def canvas_over(windows: list[GridGeometry]) -> GridGeometry:
         raise ValueError("windows must not be empty")
     offsets = np.array([offset_in(windows[0], window) for window in windows])
     sizes = np.array([(window.rows, window.cols) for window in windows])
-    (top, left), (bottom, right) = offsets.min(axis=0), (offsets + sizes).max(axis=0)
-    return _window(windows[0], np.array([left, top]), np.array([right, bottom]))
+    (top, left), (bottom, right) = offsets.min(axis=0).tolist(), (offsets + sizes).max(axis=0).tolist()
+    return windows[0].part(top, bottom, left, right)
 
 
 def offset_in(canvas: GridGeometry, window: GridGeometry) -> tuple[int, int]:
@@ -101,17 +101,6 @@ def offset_in(canvas: GridGeometry, window: GridGeometry) -> tuple[int, int]:
     if not same_size or abs(row - round(row)) > 1e-3 or abs(col - round(col)) > 1e-3:
         raise ValueError(f"grids must be cut from one lattice of cells, got {canvas} and {window}")
     return round(row), round(col)
-
-
-def _window(lattice: GridGeometry, first: np.ndarray, last: np.ndarray) -> GridGeometry:
-    """Return the lattice's cells from the (col, row) `first` up to, and without, `last`."""
-    return GridGeometry(
-        lattice.resolution,
-        lattice.origin_x + float(first[0]) * lattice.resolution,
-        lattice.origin_y + float(first[1]) * lattice.resolution,
-        int(last[1] - first[1]),
-        int(last[0] - first[0]),
-    )
 
 
 class FusionRule(NamedTuple):

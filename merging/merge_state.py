@@ -62,7 +62,7 @@ class MergeState:
         return replace(self, maps={**self.maps, name: deformed}, deformed={**self.deformed, name: deformed})
 
     def with_own_grids(self, pair: Pair) -> "MergeState":
-        """Return the state with the present grids as those that a pair was aligned by."""
+        """Return the state in which the present grids of a pair are those that it was aligned by."""
         grids = self.maps[pair[0]].grid, self.maps[pair[1]].grid
         return replace(self, evidence_grids={**self.evidence_grids, pair: grids})
 
@@ -92,7 +92,9 @@ def why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
     if not accepted:
         return "no other map could be aligned with it"
     surest = max(accepted, key=lambda other: accepted[other].confidence)
-    return f"its accepted alignments contradict each other; the surest, with {surest}: {accepted[surest].reason}"
+    return (
+        f"its accepted alignments contradict each other; the most confident, with {surest}: {accepted[surest].reason}"
+    )
 
 
 def why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:

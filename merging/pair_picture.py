@@ -75,12 +75,12 @@ def draw_pair(target: WallMap, source: WallMap, T_target_source: SE2, config: Ve
     return _PALETTE.png(np.ascontiguousarray(picture[::-1]))
 
 
-def draw_alone(structure: WallMap, level: int = _TARGET) -> bytes:
+def draw_alone(structure: WallMap) -> bytes:
     """Return a PNG of the walls of one map."""
     canvas = _Canvas.over(_corners(structure, SE2.identity()), structure.geometry.resolution)
     known = _is_known(structure, canvas.centres())
     picture = np.where(known, np.uint8(_ONE), np.uint8(_NEITHER)).reshape(canvas.rows, canvas.cols)
-    canvas.draw(picture, structure.points, level)
+    canvas.draw(picture, structure.points, _TARGET)
     return _PALETTE.png(np.ascontiguousarray(picture[::-1]))
 
 

@@ -22,7 +22,7 @@ _ALTERNATIVES = 4
 _WORTH_NAMING = 0.01
 """Least confidence of an alternative."""
 _WORTH_DEFORMING = 0.1
-"""Least confidence of a rigid pose from which a deformation starts; one in ten strangers has as much."""
+"""Least confidence of a rigid pose from which a deformation starts; one in ten pairs of different places reaches it."""
 _DECOYS = 3
 """Largest number of decoys that an alignment keeps."""
 

@@ -58,7 +58,7 @@ _CHANCE, _CHANCE_SPREAD, _CHANCE_COUNT = 0.93, 0.05, 10.0
 """Mean and standard deviation of the similarity of such places in 200 simulated maps, and the number of places that
 this prior counts for: a small map has few distant places."""
 _LEAST = 1e-6
-"""Weight of no agreement at all."""
+"""Weight of two maps without any agreement."""
 _SUREST = 5.0
 """Largest number of standard deviations above chance that counts."""
 

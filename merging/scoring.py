@@ -113,7 +113,7 @@ SIGNS = {
 - Walls: larger maps have more poses at which walls agree by chance. Logarithms are of the value plus one.
 - Wall seen through: the strongest feature. Nearly no true pose has such walls, and most of the best false ones do.
 - Misfit over chance: walls that agree by chance are as far apart as at other poses of the same maps.
-- Things beyond chance: movable objects that agree only at this pose show that both robots were there in one hour.
+- Things beyond chance: movable objects that agree only at this pose show that both visits were within an hour.
 - Corners over chance: a corridor around a block nearly equals its mirror image, but the number of corners differs. It
   shows that two maps have a place in common, but not which one.
 """

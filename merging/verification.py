@@ -46,7 +46,7 @@ _BLOCK_M = 1.0
 _ENOUGH_M = 0.3
 """Length of wall from which a block counts fully."""
 _MANY_WALLS = 4000
-"""Number of wall cells that suffices for the blocks of a map."""
+"""Most wall cells of a map that are compared for its blocks."""
 _DOOR_M = 0.8
 """Length of a door leaf; a shorter stretch of wall may be a door or a movable object."""
 _CORNERS = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])

@@ -56,8 +56,7 @@ def insert_beams_as_means(cells, resolution, start, ends, is_hit, model, quality
 
 def insert_scan(cells, resolution, start, ends, is_hit, model, quality):
     """Combine a scan into a dict of cells, one word for each cell, hits first."""
-    hits = {walk(start, end, resolution)[-1] for end, hit in zip(ends, is_hit, strict=True) if hit}
-    passed = {cell for end in ends for cell in walk(start, end, resolution)} - hits
+    hits, passed = cells_of_scan(start, ends, is_hit, resolution)
     for chosen, probability, mass in (
         (hits, model.hit_probability, model.hit_quality),
         (passed, model.miss_probability, model.miss_quality),

@@ -234,8 +234,8 @@ def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
     args = grammar.parse_args(argv)
     if args.command == "slam" and not args.recordings and not args.world:
         grammar.error("slam needs recordings or --world")
-    if args.command == "strangers" and args.sets and args.json:
-        grammar.error("--json keeps pairs, not --sets")
+    if args.command == "strangers" and args.sets:
+        args.function = "stranger_sets.benchmark_sets"
     return run_program(program, lambda: _run(args), debug=args.debug)
 
 

@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tools.command_line.extra_files import add_extra_files
 from tools.command_line.options import (
     add_configuration_options,
     add_recording_options,
@@ -22,7 +23,7 @@ from tools.command_line.options import (
     given_options,
     number_within,
 )
-from tools.command_line.paths import add_extra_files, check_exist, path_argument
+from tools.command_line.paths import check_exist, path_argument
 from tools.command_line.program import ProgramParser, loading, run_program
 
 if TYPE_CHECKING:

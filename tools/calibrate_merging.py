@@ -22,7 +22,7 @@ from tools.command_line.program import ProgramParser, run_program
 if TYPE_CHECKING:
     from merging.config import MergeConfig
     from tbmslam.parallel.executor import Executor
-    from tools.calibration import Trial
+    from tools.calibration.trial import Trial
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py pairs/ new-pairs/ -o merging/confidence_model.json
@@ -76,7 +76,8 @@ def _run(args: argparse.Namespace) -> None:
     from merging.config import MergeConfig
     from tbmslam.io.atomic_file import write_bytes, write_text
     from tbmslam.parallel.executor import Executor
-    from tools.calibration import BINS, acceptance_table, calibration_table, draw_calibration, fit_model, held_out
+    from tools.calibration.calibration_report import BINS, acceptance_table, calibration_table, draw_calibration
+    from tools.calibration.model_fit import fit_model, held_out
 
     config, executor = MergeConfig(), Executor(args.workers)
     by_folder = {folder: trials_of(folder, config, executor) for folder in args.pairs}
@@ -103,7 +104,7 @@ def trials_of(
 ) -> "list[Trial]":
     """Return the trials of all pairs in a folder with their weights; `bent` deforms one map of each pair."""
     from tbmslam.parallel.executor import Call
-    from tools.map_pairs import PairFileError
+    from tools.map_pairs.known_pair import PairFileError
 
     paths = sorted(folder.glob("*.npz"))
     if not paths:
@@ -113,8 +114,9 @@ def trials_of(
 
 
 def _trial_of(path: Path, config: "MergeConfig", weight: float, bent: bool) -> "Trial | None":
-    from tools.calibration import Trial
-    from tools.map_pairs import load_pair, shows_part
+    from tools.calibration.trial import Trial
+    from tools.map_pairs.floors import shows_part
+    from tools.map_pairs.known_pair import load_pair
 
     pair = load_pair(path)
     of = Trial.of_deformed if bent else Trial.of
@@ -123,20 +125,15 @@ def _trial_of(path: Path, config: "MergeConfig", weight: float, bent: bool) -> "
 
 def strangers(count: int, config: "MergeConfig", executor: "Executor") -> "list[Trial]":
     """Return the trials of simulated pairs of different places."""
-    from tbmslam.parallel.executor import Call
+    from tools.benchmarks.strangers import meetings
 
-    chunks = [range(first, min(first + _CHUNK, count)) for first in range(0, count, _CHUNK)]
-    found = executor.results([Call(f"from {chunk[0]}", _strangers, (chunk, config)) for chunk in chunks])
-    return [pair for pairs in found for pair in pairs if pair is not None]
-
-
-def _strangers(numbers: range, config: "MergeConfig") -> "list[Trial | None]":
-    return [_stranger(number, config) for number in numbers]
+    tasks = [(number, config) for number in range(count)]
+    return [trial for trial in meetings(_stranger, tasks, executor, _CHUNK) if trial is not None]
 
 
 def _stranger(number: int, config: "MergeConfig") -> "Trial | None":
     from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair
-    from tools.calibration import Trial
+    from tools.calibration.trial import Trial
 
     turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
     return Trial.of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), config, SIMULATED)

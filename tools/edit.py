@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from tbmslam.errors import TbmSlamError
-from tools.command_line.paths import add_extra_files, check_exist, check_extra_files, path_argument, write_extra_files
+from tools.command_line.extra_files import add_extra_files, check_extra_files, write_extra_files
+from tools.command_line.paths import check_exist, path_argument
 from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
@@ -90,7 +91,8 @@ def _run(args: argparse.Namespace) -> None:
     from tbmslam.io.map_folder import load_map, save_map
     from tbmslam.io.ros_map import write_ros_map
     from tbmslam.map.edits import without_scans
-    from tools.command_line.output_folder import output_folder, write_checksums
+    from tools.command_line.checksums import write_checksums
+    from tools.command_line.output_folder import output_folder
 
     if args.out.exists() and args.out.samefile(args.map):
         raise TbmSlamError(f"{args.out}: is the folder of the map itself: choose another folder with -o")

@@ -10,7 +10,9 @@ if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may c
     handle_interruption("evaluate")
 
 import argparse
+import json
 import sys
+from collections.abc import Mapping
 
 from tools.command_line.options import number_within
 from tools.command_line.paths import check_exist, path_argument
@@ -121,10 +123,31 @@ def _run(args: argparse.Namespace) -> None:
     )
     check_exist(given)
     with loading():
-        from tools.evaluation import evaluate_map, evaluate_trajectory, print_report
+        from tools.evaluation import map_scores, trajectory_scores
 
-    report = evaluate_trajectory(args) if args.command == "trajectory" else evaluate_map(args)
-    print_report(report, as_json=args.json)
+    scores = trajectory_scores.evaluate_trajectory if args.command == "trajectory" else map_scores.evaluate_map
+    _print_report(scores(args), as_json=args.json)
+
+
+def _print_report(report: Mapping[str, object], *, as_json: bool) -> None:
+    """Print figures as JSON or as text."""
+    if as_json:
+        print(json.dumps(report, indent=2))
+        return
+    for line in _lines(report, ""):
+        print(line)
+
+
+def _lines(values: Mapping[str, object], indent: str) -> list[str]:
+    lines = []
+    for name, value in values.items():
+        if isinstance(value, Mapping) and all(isinstance(inner, float) for inner in value.values()):
+            lines.append(f"{indent}{name}: " + ", ".join(f"{key} {number:.4f}" for key, number in value.items()))
+        elif isinstance(value, Mapping):
+            lines += [f"{indent}{name}:", *_lines(value, indent + "  ")]
+        else:
+            lines.append(f"{indent}{name}: {value:.4f}" if isinstance(value, float) else f"{indent}{name}: {value}")
+    return lines
 
 
 def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:

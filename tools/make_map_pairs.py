@@ -79,7 +79,7 @@ def _parser() -> argparse.ArgumentParser:
 def _write(args: argparse.Namespace) -> None:
     from datasets.synthetic.map_pairs.distortion import Distortion
     from datasets.synthetic.map_pairs.pairs import building_of_area, building_of_world, room_of
-    from tools.map_pairs import pairs_of, variants_of
+    from tools.map_pairs.floors import pairs_of, variants_of
 
     kinds = args.world or (() if args.floor or args.lattice else KINDS)
     buildings = [building_of_world(kind, seed) for seed in args.seeds for kind in kinds]
@@ -102,7 +102,8 @@ def _write(args: argparse.Namespace) -> None:
 
 def _floor(name: str, path: str) -> "Building":
     from tbmslam.io.map_folder import load_map
-    from tools.map_pairs import PairFileError, floor_of_grid, load_pair
+    from tools.map_pairs.floors import floor_of_grid
+    from tools.map_pairs.known_pair import PairFileError, load_pair
 
     try:
         return floor_of_grid(name, load_pair(Path(path)).target.grid)

@@ -14,17 +14,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tools.command_line.extra_files import add_extra_files, check_extra_files, write_extra_files
 from tools.command_line.options import add_configuration_options, number_within
-from tools.command_line.paths import (
-    add_extra_files,
-    check_exist,
-    check_extra_files,
-    holds_map,
-    list_maps,
-    path_argument,
-    unique_names,
-    write_extra_files,
-)
+from tools.command_line.paths import check_exist, holds_map, list_maps, path_argument, unique_names
 from tools.command_line.program import DONE, ProgramParser, loading, run_program, typed_command
 
 if TYPE_CHECKING:
@@ -321,9 +313,9 @@ def _save(
     from merging.report.json_report import write_report
     from tbmslam.io.atomic_file import write_text
     from tbmslam.io.map_folder import remove_map, save_map
+    from tools.command_line.checksums import NAME as CHECKSUMS
+    from tools.command_line.checksums import write_checksums
     from tools.command_line.configuration import merging_text
-    from tools.command_line.output_folder import NAME as CHECKSUMS
-    from tools.command_line.output_folder import write_checksums
 
     (options.out / CHECKSUMS).unlink(missing_ok=True)
     if result.merged is not None:

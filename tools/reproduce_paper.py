@@ -157,7 +157,7 @@ def _report(
     results: "PaperResults",
 ) -> str:
     from tbmslam.report.page import Table
-    from tools.command_line.text_table import describe_machine
+    from tools.command_line.measurement_record import describe_machine
     from tools.paper.feature_sections import conclusions, curve_section, detector_section, modification_section
     from tools.paper.merge_sections import (
         duration_section,

@@ -1,4 +1,4 @@
-"""Rigid motions in space, as recordings hold them; the map needs only their share in the plane."""
+"""Rigid motions in space, as recordings hold them; the map needs only their planar part."""
 
 import math
 from typing import NamedTuple
@@ -63,10 +63,10 @@ class SE3(NamedTuple):
     def interpolate(self, other: "SE3", fraction: float) -> "SE3":
         """Return the motion at `fraction` between this (0) and `other` (1): straight line and slerp.
 
-        Shoemake, "Animating rotation with quaternion curves", 1985. Fractions above 1 carry the motion on.
+        Shoemake, "Animating rotation with quaternion curves", 1985. Fractions above 1 extrapolate the motion.
         """
         cosine = self.qx * other.qx + self.qy * other.qy + self.qz * other.qz + self.qw * other.qw
-        sign = -1.0 if cosine < 0.0 else 1.0  # q and -q are the same rotation: take the short way
+        sign = -1.0 if cosine < 0.0 else 1.0  # q and -q are the same rotation: take the shorter path
         angle = math.acos(min(1.0, sign * cosine))
         if angle < 1e-6:
             a, b = 1.0 - fraction, sign * fraction

@@ -85,14 +85,14 @@ class PoseHistory:
         return FoundPose(self._poses[after], True) if self._stamps[after] - stamp <= limit_s else None
 
     def _within(self, before: int, after: int, stamp: float) -> SE3:
-        """Interpolate between two poses, or carry on beyond them."""
+        """Interpolate between two poses, or extrapolate beyond them."""
         if before == after:
             return self._poses[before]
         fraction = (stamp - self._stamps[before]) / (self._stamps[after] - self._stamps[before])
         return self._poses[before].interpolate(self._poses[after], fraction)
 
     def _extrapolate(self, stamp: float, limit_s: float) -> SE3 | None:
-        """Carry the newest motion on to a stamp; None if that is too far ahead or nothing is known."""
+        """Extrapolate by the newest motion to a stamp; None if that is too far ahead or nothing is known."""
         if not self._stamps or not 0.0 <= stamp - self._stamps[-1] <= limit_s:
             return None
         last = len(self._stamps) - 1

@@ -23,7 +23,7 @@ _LONG_PAUSE_NS = 600 * 10**9
 def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
     """Refuse bags that hold different scans of the same time, such as bags of two robots.
 
-    Woven into each other they are no drive. A bag that is given twice, or recorded again, holds the same scans.
+    Merged by time, they are not one drive. A bag that is given twice, or recorded again, holds the same scans.
     """
     holding = [source for source in sources if any(c.topic == topic and c.msgcount for c in source.connections)]
     for bag, other in combinations(holding, 2):

@@ -184,7 +184,7 @@ def _scan(data: bytes, is_cdr: bool) -> FramedScan:
 
 @lru_cache(64)
 def _scan_layout(size: int, is_cdr: bool) -> struct.Struct:
-    """Return the fields of a LaserScan up to the number of its ranges, the frame's name being of some size [bytes]."""
+    """Return the fields of a LaserScan up to the number of its ranges, for a frame's name of a size [bytes]."""
     padding = -size % 4 if is_cdr else 0
     return struct.Struct(f"<iII{size}s{padding}x7fI")
 
@@ -224,7 +224,7 @@ def _frames(data: bytes, place: int, is_cdr: bool) -> tuple[str, str, float, int
     (size,) = _SIZE.unpack_from(data, place)
     end = place + 4 + size
     child = data[place + 4 : end]
-    if is_cdr:  # counted from behind the first four bytes
+    if is_cdr:  # counted from the end of the first four bytes
         end = ((end + 3) & -8) + 4
     return _text(parent, is_cdr), _text(child, is_cdr), seconds + 1e-9 * nanoseconds, end
 

@@ -47,7 +47,7 @@ class OpenBag:
         """
         reader = self._reader
         connections = [connection for connection in reader.connections if connection.topic in topics]
-        if not connections:  # rosbags takes none for all
+        if not connections:  # for rosbags, no connection means all connections
             return
         if self._indexed is None:
             known = {connection.id: plain(connection) for connection in connections}
@@ -105,9 +105,9 @@ class BagSource:
     def messages(self, topics: Collection[str], steered_by: str) -> Iterator[RawMessage]:
         """Yield messages of some topics by time.
 
-        Where the times of `steered_by` step back within a ROS 1 bag, that bag is read in the order of its writing,
-        since times would weave different parts of the drive into each other. Damage that shows only now is salvaged,
-        too, and reading goes on behind what was yielded already.
+        If the times of `steered_by` step back within a ROS 1 bag, that bag is read in the order of writing: by time,
+        different parts of the drive would be mixed. If damage is found only now, the bag is salvaged, and reading
+        continues after the messages that were already yielded.
         """
         given: Counter[str] = Counter()
         if self.damage is None and self._salvaged is None and not self._parts:
@@ -178,7 +178,7 @@ class BagSource:
             self.connections = [connection for part in self._parts for connection in part.connections]
             spans = [part.span for part in self._parts]
         else:
-            from datasets.salvage.ros2 import salvage_mcap  # noqa: PLC0415 - needed rarely
+            from datasets.salvage.mcap_file import salvage_mcap  # noqa: PLC0415 - needed rarely
 
             found = salvage_mcap(self._file, "")
             if found.reason or found.holes:
@@ -220,7 +220,7 @@ def _is_indexed(path: Path) -> bool:
     files = [file for file in (storage_files(path) if path.is_dir() else [path]) if file.suffix == ".mcap"]
     if not files:
         return True
-    from datasets.salvage.ros2 import has_full_index  # noqa: PLC0415 - other files do not need it
+    from datasets.salvage.mcap_file import has_full_index  # noqa: PLC0415 - other files do not need it
 
     try:
         return all(map(has_full_index, files))
@@ -231,8 +231,9 @@ def _is_indexed(path: Path) -> bool:
 def _salvaged_file(file: Path, path: Path, damage: str) -> SalvagedBag:
     """Salvage a file of any format; `path` is its name in messages."""
     # Salvagers are needed rarely.
+    from datasets.salvage.mcap_file import salvage_mcap  # noqa: PLC0415
     from datasets.salvage.ros1 import salvage_ros1  # noqa: PLC0415
-    from datasets.salvage.ros2 import salvage_mcap, salvage_sqlite  # noqa: PLC0415
+    from datasets.salvage.sqlite_file import salvage_sqlite  # noqa: PLC0415
 
     try:
         if is_ros1(file):
@@ -259,7 +260,7 @@ def _salvaged_parts(folder: Path, damage: str) -> list[BagSource]:
 
 
 def _may_be_salvaged(path: Path, error: Exception) -> bool:
-    """Return whether the content is to blame, and of a format that is known."""
+    """Return whether the content of a file causes the error, and its format is known."""
     if isinstance(error, DatasetError | FileNotFoundError | PermissionError):
         return path.is_dir() and isinstance(error, FileNotFoundError)
     return not path.is_file() or not is_ros1(path) or _version(path).startswith("#ROSBAG V2.0")

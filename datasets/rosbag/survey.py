@@ -2,14 +2,14 @@
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from datasets.odometry.frames import FrameGraph, Frames, choose_frames, plain
 from datasets.options import RecordingOptions
-from datasets.scans.cleaning import FATES, KNOWN_CODES, RangeRules, clean_ranges, find_no_return_code
+from datasets.scans.cleaning import FATES, RangeRules, clean_ranges
 from datasets.scans.intake import RawScan
 
 _KEPT_SCANS = 200
@@ -41,7 +41,7 @@ class SurveyedLaser:
 
     def add(self, scan: RawScan, bag_time: float) -> None:
         """Add a scan; its stamp is nan if it is unset."""
-        rules = _stated_rules(self.options)
+        rules = RangeRules.of(self.options)
         clean = clean_ranges(scan.ranges[None], *rules.limits(scan.range_min, scan.range_max), rules)
         self.scans += 1
         self.usable += bool(clean.beams[0, FATES.index("hit")])
@@ -86,11 +86,9 @@ class SurveyedLaser:
 
     def range_rules(self) -> RangeRules:
         """Return the rules for reading ranges, with a no-return code found in the data."""
-        rules = _stated_rules(self.options)
-        codes = rules.no_return_codes
+        rules = RangeRules.of(self.options)
         _, high = rules.limits(self.first_scan.range_min, self.first_scan.range_max)
-        found = find_no_return_code([scan[scan < high] for scan in self.ranges], codes)
-        return rules if found is None else replace(rules, no_return_codes=(*codes, found))
+        return rules.with_code_of(self.ranges, high)
 
 
 def _unlikeness(scans: npt.NDArray[np.floating], others: npt.NDArray[np.floating]) -> float:
@@ -99,12 +97,6 @@ def _unlikeness(scans: npt.NDArray[np.floating], others: npt.NDArray[np.floating
     shares = np.where(both, np.abs(scans - others) / np.where(both, np.maximum(scans, others), 1.0), np.nan)
     shares = shares[both.sum(axis=1) >= _DIRECTIONS // 4]
     return float(np.median(np.nanmedian(shares, axis=1))) if len(shares) else 0.0
-
-
-def _stated_rules(options: RecordingOptions) -> RangeRules:
-    """Return the range rules that the options state."""
-    codes = (*KNOWN_CODES, *options.no_return_codes)
-    return RangeRules(options.range_min, options.range_max, codes, options.no_return, options.range_offset)
 
 
 _SCANS_NEEDED = 40

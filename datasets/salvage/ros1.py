@@ -155,8 +155,8 @@ _MOST_MISSING = 1000  # a bag whose header states more missing parts has a damag
 def salvage_ros1(path: Path, reason: str) -> SalvagedBag:
     """Read the records of a ROS 1 bag from beginning to end, without its index.
 
-    Messages of chunks that are not compressed are found even where the chunk's own record is damaged; of a damaged
-    compressed chunk, what lies before the damage.
+    The messages of an uncompressed chunk are found even if the record of the chunk is damaged. A damaged compressed
+    chunk is read up to the damage.
     """
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as buffer:
         scan = _Scan()

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from datasets.counts import is_like_a_code
+from datasets.options import RecordingOptions
 from tbmslam.geometry.se2 import FloatArray
 
 # Codes of SICK, Hokuyo and their drivers for no return: 8183, 8187 .. 8191 cm, 65533 and 65535 mm.
@@ -33,6 +34,17 @@ class RangeRules:
     """"free" turns such a beam into +inf, "drop" into nan."""
     offset: float = 0.0
     """Correction that is added to all measured ranges and to the limits [m]."""
+
+    @classmethod
+    def of(cls, options: RecordingOptions) -> "RangeRules":
+        """Return the rules that the options state."""
+        codes = (*KNOWN_CODES, *options.no_return_codes)
+        return cls(options.range_min, options.range_max, codes, options.no_return, options.range_offset)
+
+    def with_code_of(self, scans: Iterable[npt.NDArray[np.floating]], limit: float) -> "RangeRules":
+        """Return the rules with a no-return code that is found in ranges (N,) of scans below a limit [m]."""
+        found = find_no_return_code([scan[scan < limit] for scan in scans], self.no_return_codes)
+        return self if found is None else replace(self, no_return_codes=(*self.no_return_codes, found))
 
     def shifted(self, ranges: FloatArray, low: float, high: float) -> tuple[FloatArray, float, float]:
         """Return clean ranges (S, N) and their limits [m] with the offset; ranges that become negative are nan."""

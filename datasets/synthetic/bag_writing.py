@@ -37,7 +37,7 @@ class Messages:
             self.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", self.tf_type))
 
     def scan(self, nanoseconds: int, frame: str, values: dict[str, Any]) -> bytes:
-        """Return a LaserScan; `values` are its fields but header and intensities."""
+        """Return a LaserScan; `values` are its fields except header and intensities."""
         header = self._header(nanoseconds, frame)
         return self._bytes("sensor_msgs/msg/LaserScan", header=header, intensities=np.zeros(0, np.float32), **values)
 

@@ -5,7 +5,7 @@ Table II and figure 3: the benefit of descriptors of the three masses, for sever
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, Protocol, cast
+from typing import Literal, NamedTuple, Protocol, cast
 
 import cv2
 import numpy as np
@@ -84,43 +84,11 @@ class Detector:
     """Norm of the distance between descriptors."""
 
 
-class _Brief:
-    """BRIEF descriptors (Calonder 2010) of STAR keypoints, since BRIEF has no detector."""
-
-    def __init__(self, contributed: Any) -> None:
-        self._detector = contributed.StarDetector.create(responseThreshold=1)
-        self._extractor = contributed.BriefDescriptorExtractor.create()
-
-    def detectAndCompute(
-        self, image: Image, mask: None
-    ) -> tuple[Sequence[cv2.KeyPoint], npt.NDArray[np.generic] | None]:
-        found: tuple[Sequence[cv2.KeyPoint], npt.NDArray[np.generic] | None]
-        found = self._extractor.compute(image, self._detector.detect(image, mask))
-        return found
-
-
-def contributed_detectors() -> dict[str, Detector]:
-    """Return SURF and BRIEF if the installed OpenCV has them, from its contrib package.
-
-    SURF is there only where that was built with what was patented.
-    """
-    contributed: Any = getattr(cv2, "xfeatures2d", None)
-    if contributed is None or not hasattr(contributed, "BriefDescriptorExtractor"):
-        return {}
-    found = {"BRIEF": Detector(lambda _: _Brief(contributed), cv2.NORM_HAMMING)}
-    try:
-        contributed.SURF.create()
-    except (AttributeError, cv2.error):
-        return found
-    return {"SURF": Detector(lambda _: contributed.SURF.create(hessianThreshold=10), cv2.NORM_L2), **found}
-
-
 DETECTORS: Mapping[str, Detector] = {
     "ORB": Detector(lambda count: cv2.ORB.create(nfeatures=count), cv2.NORM_HAMMING),
     "BRISK": Detector(lambda _: cv2.BRISK.create(thresh=10), cv2.NORM_HAMMING),
     "SIFT": Detector(lambda count: cv2.SIFT.create(nfeatures=count), cv2.NORM_L2),
     "AKAZE": Detector(lambda _: cv2.AKAZE.create(threshold=1e-5), cv2.NORM_HAMMING),
-    **contributed_detectors(),
 }
 
 

@@ -78,12 +78,10 @@ class Halves:
         return float(grid.masses[both][:, UNKNOWN].mean()) if both.any() else float("nan")
 
 
-def fuse_halves(original: TbmGrid, share: float = SHARE) -> Halves:
-    """Fuse the left and the right part of a map, each of the given share."""
-    if not 0.5 <= share <= 1.0:
-        raise ValueError(f"share must lie within [0.5, 1], got {share}")
+def fuse_halves(original: TbmGrid) -> Halves:
+    """Fuse the left and the right part of a map."""
     cols = original.geometry.cols
-    kept = round(share * cols)
+    kept = round(SHARE * cols)
     left, right = (TbmGrid(original.geometry, original.masses.copy()) for _ in range(2))
     left.masses[:, kept:] = VACUOUS.astype(np.float32)
     right.masses[:, : cols - kept] = VACUOUS.astype(np.float32)

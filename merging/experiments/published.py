@@ -111,7 +111,7 @@ def paired_p_value(first: FloatArray, second: FloatArray) -> float:
     return float(np.mean(sums >= abs(differences.sum()) * (1.0 - 1e-9)))
 
 
-def indistinguishable_from_best(values: Mapping[str, FloatArray], level: float = LEVEL) -> list[str]:
+def indistinguishable_from_best(values: Mapping[str, FloatArray]) -> list[str]:
     """Return the methods that are not significantly worse than the best: the paper's column 4.
 
     `values` are the results (P,) of each method for the same pairs; nan for none.
@@ -122,21 +122,21 @@ def indistinguishable_from_best(values: Mapping[str, FloatArray], level: float =
     best = max(means, key=lambda name: means[name])
     others = [name for name in means if name != best]
     p_values = {name: paired_p_value(values[best], values[name]) for name in others}
-    worse = _rejected(p_values, 1.0 - level)
+    worse = _rejected(p_values, 1.0 - LEVEL)
     return [name for name in values if name in means and name not in worse]
 
 
-def half_interval(values: FloatArray, level: float = LEVEL) -> float:
+def half_interval(values: FloatArray) -> float:
     """Return half the width of the confidence interval of the mean of values (P,), by Student's t; nan for one."""
     finite = values[np.isfinite(values)]
     if len(finite) < 2:
         return float("nan")
-    return half_width(float(finite.std(ddof=1)), len(finite), level)
+    return half_width(float(finite.std(ddof=1)), len(finite))
 
 
-def half_width(deviation: float, count: int, level: float = LEVEL) -> float:
+def half_width(deviation: float, count: int) -> float:
     """Return half the width of the confidence interval of the mean of `count` values with a standard deviation."""
-    return float(stats.t.ppf(0.5 + level / 2.0, count - 1)) * deviation / float(np.sqrt(count))
+    return float(stats.t.ppf(0.5 + LEVEL / 2.0, count - 1)) * deviation / float(np.sqrt(count))
 
 
 def _rejected(p_values: Mapping[str, float], alpha: float) -> set[str]:

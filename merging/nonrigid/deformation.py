@@ -78,7 +78,7 @@ class Deformation:
 
     def nearest_rigid(self) -> SE2:
         """Return the rigid transform that fits the tiles best."""
-        # The rotations of the tiles tell the rotation of the map where their centroids lie in one row.
+        # Centroids in one row do not determine the rotation of the map; the rotations of the tiles do.
         around = np.array([(0.0, 0.0), (self.reach_m, 0.0), (0.0, self.reach_m)])
         before = np.vstack([centroid + around for centroid in self.centroids])
         after = np.vstack(
@@ -204,15 +204,9 @@ def _sample_points(geometry: GridGeometry) -> FloatArray:
 def _covering(points: FloatArray, grid: TbmGrid) -> GridGeometry:
     """Return a geometry on the lattice of a grid that contains points (N, 2) and a margin."""
     g = grid.geometry
-    first = np.floor((points.min(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int) - _STEP
-    last = np.ceil((points.max(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int) + _STEP
-    return GridGeometry(
-        g.resolution,
-        g.origin_x + float(first[0]) * g.resolution,
-        g.origin_y + float(first[1]) * g.resolution,
-        int(last[1] - first[1]),
-        int(last[0] - first[0]),
-    )
+    left, top = np.floor((points.min(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int).tolist()
+    right, bottom = np.ceil((points.max(axis=0) - (g.origin_x, g.origin_y)) / g.resolution).astype(int).tolist()
+    return g.part(top - _STEP, bottom + _STEP, left - _STEP, right + _STEP)
 
 
 _LEAST_WALL = 0.5

@@ -22,7 +22,7 @@ _WORTH_COMPARING = 0.5
 """Least support of a pose that may be the most likely one, as a share of the best support."""
 _COMPARED = 4
 """Number of best supported poses that are compared by all evidence. A confidence needs the hypothesis, its best rival
-and the next one, which is chance."""
+and the next one, which stands for chance."""
 
 
 class DeformedPose(NamedTuple):

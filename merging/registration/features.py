@@ -73,7 +73,7 @@ def _widened(geometry: GridGeometry, border: int) -> GridGeometry:
 
 
 ORB_EDGE = 31
-"""ORB looks for nothing nearer than this to an image's edge [px]."""
+"""ORB finds no keypoints nearer than this to an image's edge [px]."""
 
 _BITWISE: dict[Descriptor, np.ufunc] = {"and": np.bitwise_and, "or": np.bitwise_or, "xor": np.bitwise_xor}
 
@@ -142,7 +142,7 @@ def _described_images(channels: Channels, config: FeatureConfig) -> list[Image]:
 def _features_of(
     channels: Channels, described: Sequence[tuple[Sequence[cv2.KeyPoint], object]], how: Descriptor
 ) -> Features:
-    """Return what was found by what each image of a grid gave, keypoints and descriptors."""
+    """Return the features of a grid from the keypoints and descriptors of each of its images."""
     if not described[0][0] or any(descriptors is None for _, descriptors in described):
         return Features.none()
     points = channels.to_metres(cv2.KeyPoint.convert(described[0][0]))
@@ -172,7 +172,7 @@ def orb_of(config: FeatureConfig) -> cv2.ORB:
 
 
 def joined(descriptors: list[npt.NDArray[np.uint8]], how: Descriptor) -> npt.NDArray[np.uint8]:
-    """Make one descriptor (N, bytes) of those that the images gave; the paper's table II compares the ways."""
+    """Combine the descriptors (N, bytes) of the images; the paper's table II compares the combinations."""
     if how in _BITWISE:
         return np.asarray(_BITWISE[how].reduce(descriptors), dtype=np.uint8)
     return np.hstack(descriptors)

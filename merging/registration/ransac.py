@@ -44,7 +44,7 @@ def find_consensus(matches: Matches, config: ConsensusConfig) -> Consensus | Non
     if rigid is not None and rigid.count >= config.min_inliers:
         return rigid
     stretched = _best(matches, pairs, config, stretching=True)
-    # With a scale of its own, chance finds agreement more easily.
+    # A free scale makes agreement by chance more likely.
     if stretched is not None and stretched.count >= 2 * config.min_inliers:
         return stretched
     return rigid
@@ -72,7 +72,7 @@ def _best(matches: Matches, pairs: IntArray, config: ConsensusConfig, *, stretch
     first, second = pairs.T
     factors = (target[second] - target[first]) / (source[second] - source[first])
     if not stretching:
-        # Two points each off by the inlier distance may well stretch their connection; more is no rigid motion.
+        # Both points may be off by the inlier distance; a motion that stretches their line more is not rigid.
         slack = 2.0 * config.inlier_distance_m / np.abs(source[second] - source[first])
         rigid = np.abs(np.abs(factors) - 1.0) <= slack
         first, second, factors = first[rigid], second[rigid], factors[rigid] / np.abs(factors[rigid])

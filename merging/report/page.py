@@ -136,5 +136,5 @@ def _maps_table(merge: Merge) -> Table:
 
 
 def _role(merge: Merge, name: str) -> str:
-    """Return what became of a merged map; joint optimisation moves the first map, too, by some centimetres."""
+    """Return the role of a merged map; joint optimisation moves the first map, too, by some centimetres."""
     return "the others were placed in its frame" if name == next(iter(merge.poses)) else "merged"

@@ -65,7 +65,7 @@ class GridGeometry(NamedTuple):
         )
 
     def part(self, top: int, bottom: int, left: int, right: int) -> "GridGeometry":
-        """Return the geometry of some rows and columns."""
+        """Return the geometry of some rows and columns of the lattice of these cells, also outside of the grid."""
         x, y = self.origin_x + left * self.resolution, self.origin_y + top * self.resolution
         return GridGeometry(self.resolution, x, y, bottom - top, right - left)
 

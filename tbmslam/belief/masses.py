@@ -26,16 +26,11 @@ def pignistic(masses: npt.ArrayLike) -> FloatArray:
 
     The conflict is normalised first; a cell in full conflict is a fair bet.
     """
-    m = _masses(masses)
+    m = np.asarray(masses, dtype=np.float64)
+    if m.ndim == 0 or m.shape[-1] != 4:
+        raise ValueError(f"masses must have four entries in the last axis, got shape {m.shape}")
     rest = m[..., FREE] + m[..., OCCUPIED] + m[..., UNKNOWN]
     bet = m[..., OCCUPIED] + 0.5 * m[..., UNKNOWN]
     probability: FloatArray = np.full(m.shape[:-1], 0.5)
     np.divide(bet, rest, out=probability, where=rest > 0.0)
     return probability
-
-
-def _masses(values: npt.ArrayLike) -> FloatArray:
-    masses = np.asarray(values, dtype=np.float64)
-    if masses.ndim == 0 or masses.shape[-1] != 4:
-        raise ValueError(f"masses must have four entries in the last axis, got shape {masses.shape}")
-    return masses

@@ -1,23 +1,23 @@
-"""Map dumps of the original programs, `.tbm_map`: reading and writing.
+"""Map dumps of the original programs, `.tbm_map`: both layouts are read, that of vinySLAM is written.
 
-vinySLAM writes them. TBMMapMerging reads and writes them. A packed little-endian header (int32 height, int32 width,
+A packed little-endian header (int32 height, int32 width,
 float64 side of a cell [m], int32 origin x, y) is followed by the cells, row by row with y ascending. A cell's masses
 have the order unknown, empty (that is free), occupied, conflict. The origin is the column and row of the cell whose
 lower left corner is (0, 0).
 
-======= ====================== ============================================================
-layout  cells                  probability and quality that stand before the masses
-======= ====================== ============================================================
-slam    49 bytes each, plain   o / (o + e) and o + e; 0.5 and 1 if nothing is known
-merging 48 bytes, an LZ4 frame o + u / 2 and 1
-======= ====================== ============================================================
+============= ====================== ============================================================
+program       cells                  probability and quality that stand before the masses
+============= ====================== ============================================================
+vinySLAM      49 bytes each, plain   o / (o + e) and o + e; 0.5 and 1 if nothing is known
+TBMMapMerging 48 bytes, an LZ4 frame o + u / 2 and 1
+============= ====================== ============================================================
 """
 
 import lzma
 import os
 import struct
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import lz4.frame
 import numpy as np
@@ -27,8 +27,6 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.io.atomic_file import write_bytes
 from tbmslam.map.map_check import MapFileError, check_file, check_geometry
-
-Layout = Literal["slam", "merging"]
 
 _HEADER = struct.Struct("<iidii")
 _FILE_ORDER = [UNKNOWN, FREE, OCCUPIED, CONFLICT]
@@ -61,23 +59,19 @@ def read_tbm_dump(path: str | os.PathLike[str]) -> TbmGrid:
     return grid
 
 
-def write_tbm_dump(path: str | os.PathLike[str], grid: TbmGrid, layout: Layout = "slam") -> None:
-    """Write a grid atomically in the format of the original programs.
+def write_tbm_dump(path: str | os.PathLike[str], grid: TbmGrid) -> None:
+    """Write a grid atomically in the layout of vinySLAM.
 
     The format has origins in whole cells only. Other origins are rounded, which moves a grid by half a cell at most.
-    The grids of `tbmslam.slam` lie on whole cells. Raises a `ValueError` if the layout is unknown, or the origin is too
-    far away for the format's 32 bits, and a `FileNotWrittenError` if the file cannot be written.
+    The grids of `tbmslam.slam` lie on whole cells. Raises a `ValueError` if the origin is too far away
+    for the format's 32 bits, and a `FileNotWrittenError` if the file cannot be written.
     """
-    if layout not in ("slam", "merging"):
-        raise ValueError(f"layout must be 'slam' or 'merging', got {layout!r}")
     geometry = grid.geometry
     origin = [round(-corner / geometry.resolution) for corner in (geometry.origin_x, geometry.origin_y)]
     if any(abs(value) >= 1 << 31 for value in origin):
         raise ValueError(f"origin must lie within 2^31 cells of (0, 0), got {geometry.origin_x}, {geometry.origin_y}")
     header = _HEADER.pack(geometry.rows, geometry.cols, geometry.resolution, *origin)
-    masses = grid.masses.reshape(-1, 4)
-    cells = _slam_cells(masses) if layout == "slam" else _merging_cells(masses)
-    write_bytes(path, header + (cells.tobytes() if layout == "slam" else _lz4_frame(cells)))
+    write_bytes(path, header + _slam_cells(grid.masses.reshape(-1, 4)).tobytes())
 
 
 def _slam_cells(masses: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
@@ -90,26 +84,6 @@ def _slam_cells(masses: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
     cells["quality"] = np.where(known, decided, 1.0)
     cells["is_unknown"] = ~known
     return cells
-
-
-def _merging_cells(masses: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
-    cells = np.zeros(len(masses), dtype=_MERGING_CELL)
-    cells["masses"] = masses[:, _FILE_ORDER]
-    cells["probability"] = cells["masses"][:, 2] + 0.5 * cells["masses"][:, 0]
-    cells["quality"] = 1.0
-    return cells
-
-
-def _lz4_frame(cells: npt.NDArray[Any]) -> bytes:
-    """Compress in the format of roslz4, which the original program requires."""
-    frame = lz4.frame.compress(
-        cells.tobytes(),
-        block_size=lz4.frame.BLOCKSIZE_MAX4MB,
-        block_linked=False,
-        content_checksum=True,
-        store_size=False,
-    )
-    return bytes(frame)
 
 
 def _unpacked(path: Path) -> tuple[GridGeometry, bytes]:

@@ -14,7 +14,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from datasets.odometry.se3 import SE3
 from tbmslam.geometry.se2 import SE2
 
-SHARED_DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 
 
@@ -159,10 +158,3 @@ def script() -> BagScript:
 @pytest.fixture
 def expected_pose() -> Callable[[float], SE2]:
     return drive_pose
-
-
-@pytest.fixture
-def shared_data() -> Path:
-    if not SHARED_DATA.is_dir():
-        pytest.skip("the folder of shared recordings is absent")
-    return SHARED_DATA

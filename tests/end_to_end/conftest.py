@@ -1,10 +1,6 @@
-from pathlib import Path
-
 import pytest
 
 from tests.end_to_end.programs import build, merge_maps, simulate
-
-SHARED_DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 
 
 @pytest.fixture(scope="session")
@@ -29,10 +25,3 @@ def flat(tmp_path_factory):
 def flat_maps(flat, tmp_path_factory):
     """The flat's two robots mapped."""
     return build(tmp_path_factory.mktemp("flat") / "maps", flat / "robot_0.bag", flat / "robot_1.bag", "--separate")
-
-
-@pytest.fixture
-def shared_data():
-    if not SHARED_DATA.is_dir():
-        pytest.skip("the folder of shared recordings is absent")
-    return SHARED_DATA

@@ -21,7 +21,7 @@ from tests.end_to_end.programs import build, contents, merge_maps, simulate
 from tests.merging.bent_floor import bent_maps
 from tests.tools.dask_cluster import DaskCluster
 from tools.benchmarks.fleet import make_fleet
-from tools.map_pairs import maps_by_name
+from tools.map_pairs.placed_maps import maps_by_name
 
 ROOT = Path(__file__).resolve().parents[2]
 

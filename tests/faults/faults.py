@@ -13,9 +13,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.faults import bags, hostile_maps, sensors, writing
 from tests.faults.fault_case import FaultCase, Outcome
+from tools.command_line.measurement_record import describe_machine, write_tables
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
-from tools.command_line.text_table import ResultTable, describe_machine, text_table, write_tables
+from tools.command_line.text_table import ResultTable, text_table
 
 EXAMPLES = """examples:
   python tests/faults/%(prog)s.py

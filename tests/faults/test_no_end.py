@@ -22,9 +22,9 @@ from tbmslam.io.trajectory_file import TumError, read_tum
 from tbmslam.map.map_check import MapFileError
 from tests.datasets.conftest import BagScript
 from tools.benchmarks.strangers import EarlierRunError, _tried_before
+from tools.command_line.checksums import NAME, changed_files
 from tools.command_line.configuration import read_configuration
-from tools.command_line.output_folder import NAME, changed_files
-from tools.map_pairs import PairFileError, load_pair
+from tools.map_pairs.known_pair import PairFileError, load_pair
 from tools.mapping.truth_file import TruthFileError
 from tools.paper.experiments import load_pairs
 

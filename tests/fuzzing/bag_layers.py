@@ -11,9 +11,10 @@ from datasets.counts import ReadingCounts
 from datasets.odometry.frames import FrameGraph, choose_frames
 from datasets.options import RecordingOptions
 from datasets.rosbag.messages import ODOMETRY_TYPE, SCAN_TYPE, TF_TYPES, FramedScan, MessageDecoder
+from datasets.salvage.mcap_file import salvage_mcap
 from datasets.salvage.ros1 import salvage_ros1
-from datasets.salvage.ros2 import salvage_mcap, salvage_sqlite
 from datasets.salvage.salvaged_bag import SalvagedBag
+from datasets.salvage.sqlite_file import salvage_sqlite
 from datasets.scans.cleaning import KNOWN_CODES, RangeRules
 from datasets.scans.intake import ScanIntake
 from tbmslam.sensing.laser_scan import Reading

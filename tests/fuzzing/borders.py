@@ -34,6 +34,7 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
 from tests.fuzzing import bag_layers, seed_bags
+from tests.merging_dump import write_merging_dump
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = Path(__file__).parent / "corpus"
@@ -114,8 +115,8 @@ def _saved(name: str) -> Callable[[], list[bytes]]:
         grid = TbmGrid(GridGeometry(0.1, -0.2, 0.3, 3, 4), masses)
         with tempfile.TemporaryDirectory() as folder:
             save_map(folder, TbmMap(grid, (_drive(),), {"seed": 1}))
-            write_tbm_dump(Path(folder) / "slam.tbm_map", grid, "slam")
-            write_tbm_dump(Path(folder) / "merging.tbm_map", grid, "merging")
+            write_tbm_dump(Path(folder) / "slam.tbm_map", grid)
+            write_merging_dump(Path(folder) / "merging.tbm_map", grid)
             return [path.read_bytes() for path in sorted(Path(folder).glob(name))]
 
     return seeds

@@ -15,7 +15,7 @@ from merging import MergeConfig, align, scoring
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.strangers import make_pair
-from tools.map_pairs import KnownPair
+from tools.map_pairs.known_pair import KnownPair
 
 
 @pytest.fixture(scope="module")

@@ -212,7 +212,7 @@ def test_contradicting_accepted_alignments_are_the_reason(rooms, monkeypatch):
     assert result.merged is None
     why = "its accepted alignments contradict each other"
     surest = {"a": "b", "b": "a", "c": "a"}
-    expected = {name: f"{why}; the surest, with {other}: all is well" for name, other in surest.items()}
+    expected = {name: f"{why}; the most confident, with {other}: all is well" for name, other in surest.items()}
     assert result.left_out == {**expected, "d": "no other map could be aligned with it"}
 
 

@@ -26,7 +26,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 from tests.mutation.mutations import Mutation, mutated, mutations  # noqa: E402
-from tools.command_line.text_table import ResultTable, describe_machine, text_table, write_tables  # noqa: E402
+from tools.command_line.measurement_record import describe_machine, write_tables  # noqa: E402
+from tools.command_line.text_table import ResultTable, text_table  # noqa: E402
 
 HERE = ROOT / "tests" / "mutation"
 SEED = 20261124

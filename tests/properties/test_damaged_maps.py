@@ -17,6 +17,7 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.map_check import MapFileError
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan
+from tests.merging_dump import write_merging_dump
 
 BEESOFT = """robot_specifications->resolution 10
 global_map[0]: 2 3
@@ -39,8 +40,8 @@ def healthy(tmp_path_factory):
         "robot_0", Trajectory(np.array([1.0]), np.array([pose])), Keyframes.from_scans([scan], [pose], [pose])
     )
     save_map(folder, TbmMap(grid, (drive,), {"seed": 1}))
-    write_tbm_dump(folder / "slam.tbm_map", grid, "slam")
-    write_tbm_dump(folder / "merging.tbm_map", grid, "merging")
+    write_tbm_dump(folder / "slam.tbm_map", grid)
+    write_merging_dump(folder / "merging.tbm_map", grid)
     (folder / "hall.dat").write_text(BEESOFT)
     (folder / "plain.pgm").write_text(PLAIN_PGM)
     yaml = (folder / "map.yaml").read_text()

@@ -75,13 +75,3 @@ def test_any_motion_keeps_the_mass_of_what_lies_inside_nearly(seed, theta, x, y)
     before, after = ((1.0 - each.masses[..., UNKNOWN]).sum() for each in (grid, moved))
     assert abs(after - before) <= 0.03 * before
     np.testing.assert_allclose(moved.masses.sum(axis=-1), 1.0, atol=1e-6)
-
-
-@settings(deadline=None, max_examples=50)
-@given(st.integers(0, 99), st.integers(2, 5), sizes, sizes)
-def test_coarser_cells_keep_the_mass(seed, times, rows, cols):
-    grid = grid_of(seed, times * rows, times * cols)
-    coarse = GridGeometry(times * RESOLUTION, 0.0, 0.0, rows, cols)
-    masses = resample(grid, SE2.identity(), coarse).masses
-    blocks = grid.masses.reshape(rows, times, cols, times, 4).mean(axis=(1, 3))
-    np.testing.assert_allclose(masses, blocks, atol=1e-6)

@@ -10,7 +10,7 @@ from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.map.tbm_map import TbmMap
 from tests.tools.build_maps.built_maps import QUICK
 from tools import build_maps, edit
-from tools.command_line.output_folder import changed_files
+from tools.command_line.checksums import changed_files
 
 
 @pytest.fixture

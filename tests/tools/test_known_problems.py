@@ -15,7 +15,8 @@ from tbmslam.io.ros_map import write_ros_map
 from tests.datasets.conftest import BagScript
 from tools import build_maps
 from tools import merge as merge_program
-from tools.map_pairs import grid_of, pairs_of
+from tools.map_pairs.floors import pairs_of
+from tools.map_pairs.known_pair import grid_of
 
 ROUND_ROOM = np.full(180, 3.0)
 

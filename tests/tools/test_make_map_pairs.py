@@ -4,7 +4,7 @@ from merging.config import MergeConfig
 from merging.verification import examine
 from merging.walls import WallMap
 from tools.make_map_pairs import main
-from tools.map_pairs import load_pair
+from tools.map_pairs.known_pair import load_pair
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import argparse
 import math
 import statistics
-import sys
 import time
 import zlib
 from collections.abc import Mapping, Sequence
@@ -16,9 +15,11 @@ import numpy as np
 from merging.baselines.howard import Encounter, measured
 from tbmslam.belief.grid import TbmGrid, walls_and_free
 from tbmslam.geometry.se2 import SE2, BoolArray
-from tools.calibration import BINS, calibration_table
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
-from tools.map_pairs import KnownPair
+from tools.calibration.calibration_report import BINS, calibration_table
+from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.program import say
+from tools.command_line.text_table import ResultTable, number, text_table
+from tools.map_pairs.known_pair import KnownPair
 
 if TYPE_CHECKING:
     from merging.alignment import Alignment
@@ -85,7 +86,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
             print(f"\n{method}\n{details(found)}")
     finish(args, describe_machine(), {"methods": table}, {"methods": results})
     if args.plot:
-        from tools.calibration import draw_calibration
+        from tools.calibration.calibration_report import draw_calibration
 
         write_bytes(args.plot, draw_calibration(first, BINS))
 
@@ -95,7 +96,7 @@ def _measure_all(paths: Sequence[Path], method: str) -> list[PairResult]:
     results = []
     for path in paths:
         results.append(measure(path, method))
-        sys.stderr.write(f"benchmark: {method} {path.stem}: {results[-1].reason}\n")
+        say(f"benchmark: {method} {path.stem}: {results[-1].reason}")
     return results
 
 
@@ -104,7 +105,7 @@ def measure(path: Path, method: str) -> PairResult:
     from merging import align
     from merging.baselines import howard
     from merging.config import MergeConfig
-    from tools.map_pairs import load_pair
+    from tools.map_pairs.known_pair import load_pair
 
     pair = load_pair(path)
     encounters = encounters_of(pair)

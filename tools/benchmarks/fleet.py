@@ -26,8 +26,9 @@ from tbmslam.io.pictures import Picture, encode_png
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.strangers import building_of
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
-from tools.map_pairs import joined_pairs, known_pair, maps_by_name, shuffled
+from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.text_table import ResultTable, number, text_table
+from tools.map_pairs.placed_maps import joined_pairs, known_pair, maps_by_name, shuffled
 
 HEAD = (
     *("buildings", "maps", "pairs", "aligned", "groups", "joined rightly %", "joined wrongly", "placed %"),

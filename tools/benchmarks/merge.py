@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,8 +18,10 @@ from merging.registration.ransac import find_consensus
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.geometry.se2 import SE2
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
-from tools.map_pairs import KnownPair
+from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.program import say
+from tools.command_line.text_table import ResultTable, number, text_table
+from tools.map_pairs.known_pair import KnownPair
 
 HEAD = (
     *("area m2", "cells", "features ms", "matching ms", "transform ms", "fusion ms", "sum ms", "CPU ms", "program ms"),
@@ -78,7 +79,7 @@ def benchmark_merge(args: argparse.Namespace) -> None:
     """Run the benchmark and print the table."""
     machine, runs = describe_machine(), []
     for area in args.areas:
-        sys.stderr.write(f"benchmark: {area:g} m2\n")
+        say(f"benchmark: {area:g} m2")
         runs.append(in_fresh_process(run_merge, area, args.resolution, args.repeat))
     table = ResultTable(HEAD, [_row(run) for run in runs])
     print(text_table(*table))

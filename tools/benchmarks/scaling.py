@@ -3,7 +3,6 @@
 import argparse
 import dataclasses
 import itertools
-import sys
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,7 +13,9 @@ from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.slam import Slam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.slam import CpuClock, warm_up
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
+from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.program import say
+from tools.command_line.text_table import ResultTable, number, text_table
 
 HEAD = (
     *("route", "preset", "drive m", "scans", "seen m2", "box m2", "cell m"),
@@ -60,7 +61,7 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
     machine, runs, failures = describe_machine(), [], []
     for preset_name, route, length in itertools.product(args.preset, ROUTES, args.lengths):
         label = f"{route} {preset_name} {length:g} m"
-        sys.stderr.write(f"benchmark: {label}\n")
+        say(f"benchmark: {label}")
         try:
             runs.append(in_fresh_process(run_scaling, preset_name, route, length, args.beams))
         except MeasurementError as error:
@@ -154,7 +155,7 @@ def benchmark_limits(args: argparse.Namespace) -> None:
     """Map drives of the promised size, or of the given share of it, and print the table."""
     machine, rows, runs = describe_machine(), [], []
     for limit in LIMITS:
-        sys.stderr.write(f"benchmark: {limit.name}\n")
+        say(f"benchmark: {limit.name}")
         length = args.share * limit.length
         try:
             run = in_fresh_process(run_scaling, "default", limit.route, length, _BEAMS, limit.rate)

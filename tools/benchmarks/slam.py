@@ -4,7 +4,6 @@ import argparse
 import gc
 import itertools
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -28,7 +27,9 @@ from tbmslam.sensing.laser_scan import Reading
 from tbmslam.slam import Slam
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.benchmarks.recordings import RecordingSpec, beside
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
+from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.program import say
+from tools.command_line.text_table import ResultTable, number, text_table
 
 WARM_UP_SCANS = 20
 """Scans of a recording that are mapped before the measurement."""
@@ -193,7 +194,7 @@ def benchmark_slam(args: argparse.Namespace) -> None:
     for entry in _entries(args):
         if not results:
             for name in args.preset:
-                _say(f"warm-up: {entry.name} {name}")
+                say(f"benchmark: warm-up: {entry.name} {name}")
                 in_fresh_process(run_slam, entry.spec, name)
         results += [_measured(entry, name, args.repeat) for name in args.preset]
     rows = [_row(result) for result in results]
@@ -248,7 +249,7 @@ def _entries(args: argparse.Namespace) -> Iterator[Entry]:
     for spec in args.recordings:
         yield Entry(spec.path.name.removesuffix(".bag"), spec)
     for world in (world for first in args.world for world in first.seeds(args.seeds)):
-        _say(f"simulating {world}")
+        say(f"benchmark: simulating {world}")
         with tempfile.TemporaryDirectory(prefix="benchmark-") as folder:
             yield Entry(str(world), world.write(Path(folder)), world.family())
 
@@ -256,7 +257,7 @@ def _entries(args: argparse.Namespace) -> Iterator[Entry]:
 def _measured(entry: Entry, preset_name: str, repeat: int) -> Result:
     runs = []
     for turn in range(repeat):
-        _say(f"{entry.name} {preset_name}" + (f" {turn + 1}/{repeat}" if repeat > 1 else ""))
+        say(f"benchmark: {entry.name} {preset_name}" + (f" {turn + 1}/{repeat}" if repeat > 1 else ""))
         runs.append(in_fresh_process(run_slam, entry.spec, preset_name))
     return Result(entry.name, preset_name, median_run(runs), tuple(runs), entry.family)
 
@@ -287,8 +288,3 @@ def _error(run: SlamRun) -> str:
 
 def _rate(scans: float, seconds: float) -> str:
     return number(scans / seconds, 0) if seconds > 0.0 else "-"
-
-
-def _say(text: str) -> None:
-    """Show the progress on stderr."""
-    sys.stderr.write(f"benchmark: {text}\n")

@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import io
 import itertools
-import sys
 import tempfile
 import time
 from collections.abc import Mapping
@@ -26,9 +25,11 @@ from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recordings import as_words
+from tools.command_line.measurement_record import describe_machine, finish
 from tools.command_line.paths import map_folders
-from tools.command_line.text_table import ResultTable, describe_machine, finish, number, text_table
-from tools.map_pairs import KnownPair
+from tools.command_line.program import say
+from tools.command_line.text_table import ResultTable, number, text_table
+from tools.map_pairs.known_pair import KnownPair
 from tools.mapping.truth_file import NAME as TRUTH_FILE
 from tools.mapping.truth_file import read_truth_file
 
@@ -86,7 +87,7 @@ def benchmark_split(args: argparse.Namespace) -> None:
             (whole,), (whole_again,) = map_folders(parts / "1"), map_folders(parts / "again")
             again = in_fresh_process(agreement_of, whole_again, whole)
             for robots in args.robots:
-                sys.stderr.write(f"benchmark: {text}, {robots} robots\n")
+                say(f"benchmark: {text}, {robots} robots")
                 in_fresh_process(cut, text, robots, parts / str(robots))
                 runs.append(in_fresh_process(run_split, text, parts / str(robots), whole, again))
     rows = [_row(run) for run in runs]

@@ -1,13 +1,7 @@
-"""The rate of false accepts among simulated maps of different places: in pairs, and in sets of six.
-
-The wrong poses of three maps may be consistent by chance, and maps of one place are similar to the same other place.
-Therefore a set may be joined wrongly although every pair is refused.
-"""
+"""The rate of false accepts among simulated pairs of maps of different places."""
 
 import argparse
-import dataclasses
 import hashlib
-import itertools
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -23,27 +17,21 @@ from tqdm import tqdm
 from datasets.synthetic.map_pairs.pairs import (
     Building,
     MapPair,
-    PlacedMap,
     building_of_world,
     cut_pairs,
     disjoint_pair,
     foreign_pair,
-    maps_of,
-    maps_of_far_ends,
-    maps_of_mirrored,
     mirrored,
     room_of,
 )
-from merging import MergeConfig, align, merge
-from merging.alignment import Pair
-from merging.map_graph.grouping import groups_of
+from merging import align
 from tbmslam.errors import TbmSlamError
-from tbmslam.io.atomic_file import write_text
 from tbmslam.parallel.cluster import code_digest
 from tbmslam.parallel.executor import Call, Executor
 from tbmslam.special_file import why_unreadable
-from tools.command_line.text_table import ResultTable, describe_machine, machine_line, number, text_table, write_tables
-from tools.map_pairs import KnownPair, joined_pairs, known_pair, maps_by_name, shuffled
+from tools.command_line.measurement_record import describe_machine, finish, write_figures
+from tools.command_line.text_table import ResultTable, number, text_table
+from tools.map_pairs.known_pair import KnownPair
 
 KINDS = {
     "unrelated": "maps of two buildings, whole or in part",
@@ -83,25 +71,19 @@ class Encounter:
 
 
 def benchmark_strangers(args: argparse.Namespace) -> None:
-    """Align pairs and print the rates, or merge sets; pairs in the file of `--json` are not tried again."""
-    if args.sets:
-        _benchmark_sets(args)
-        return
-    what = {"seed": args.seed, "judge": _judge()}
+    """Align pairs and print the rates; pairs in the file of `--json` are not tried again."""
+    what: dict[str, object] = {"seed": args.seed, "judge": _judge()}
     done = _tried_before(args.json, what)
     kinds = list(KINDS)
     tasks = [(kinds[index % len(KINDS)], index // len(KINDS), args.seed) for index in range(args.pairs)]
     left = [task for task in tasks if task[:2] not in done]
     machine = describe_machine()
     # Neighbouring tasks share a building, so a worker gets many of them at a time.
-    encountered = _met(meet, left, args.workers, len(KINDS) * _PAIRS_A_BUILDING)
+    encountered = meetings(meet, left, Executor(args.workers), len(KINDS) * _PAIRS_A_BUILDING)
     for met, encounter in enumerate(tqdm(encountered, total=len(left), disable=None), start=1):
         done[encounter.kind, encounter.number] = encounter
-        if args.json and (met % _SAVED_EVERY == 0 or met == len(left)):
-            write_text(
-                args.json,
-                json.dumps({"machine": machine, **what, "encounters": [*map(dataclasses.asdict, done.values())]}),
-            )
+        if met % _SAVED_EVERY == 0:
+            write_figures(args.json, machine, what | {"encounters": [*done.values()]})
     encounters = sorted((done[task[:2]] for task in tasks), key=lambda encounter: (encounter.kind, encounter.number))
     rows = [
         _row(kind, about, [encounter for encounter in encounters if encounter.kind == kind])
@@ -112,8 +94,7 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
     for encounter in encounters:
         if encounter.is_wrong:
             print(f"wrongly accepted: {encounter.name}, confidence {encounter.confidence:.3f}")
-    print(machine_line(machine))
-    write_tables(args.table, machine, {"pairs": ResultTable(HEAD, rows)})
+    finish(args, machine, {"pairs": ResultTable(HEAD, rows)}, what | {"encounters": [*done.values()]})
 
 
 def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:
@@ -136,7 +117,7 @@ def _judge() -> str:
     return hashlib.sha256((model + code).encode()).hexdigest()[:16]
 
 
-def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[str, int], Encounter]:
+def _tried_before(path: Path | None, what: dict[str, object]) -> dict[tuple[str, int], Encounter]:
     """Return the encounters of an earlier run, by kind and number."""
     if path is None or not path.exists():
         return {}
@@ -153,11 +134,14 @@ def _tried_before(path: Path | None, what: dict[str, int | str]) -> dict[tuple[s
     return {(encounter.kind, encounter.number): encounter for encounter in found}
 
 
-def _met(meeting: Callable[..., _T], tasks: Sequence[tuple[object, ...]], workers: int, chunksize: int) -> Iterator[_T]:
+def meetings(
+    meeting: Callable[..., _T], tasks: Sequence[tuple[object, ...]], executor: Executor, chunksize: int
+) -> Iterator[_T]:
     """Yield the result of a meeting for each task, in this process or in several; a process gets chunks of tasks."""
-    size = chunksize if workers > 1 else 1
+    size = 1 if executor.is_serial(len(tasks)) else chunksize
     chunks = [tasks[first : first + size] for first in range(0, len(tasks), size)]
-    for outcome in Executor(workers).outcomes([Call(f"{chunk[0]}", _all_of, (meeting, chunk)) for chunk in chunks]):
+    calls = [Call(f"{index}", _all_of, (meeting, chunk)) for index, chunk in enumerate(chunks)]
+    for outcome in executor.outcomes(calls):
         if isinstance(outcome, TbmSlamError):
             raise outcome
         yield from outcome
@@ -205,124 +189,10 @@ def _row(kind: str, about: str, encounters: list[Encounter]) -> list[str]:
     if not tried:
         return [kind, about, "0", "0", "-", "-", "0"]
     ambiguous = sum(encounter.is_ambiguous for encounter in encounters)
-    return [kind, about, str(tried), str(wrong), *_rate(wrong, tried), str(ambiguous)]
+    return [kind, about, str(tried), str(wrong), *rate_of(wrong, tried), str(ambiguous)]
 
 
-def _rate(wrong: int, tried: int) -> tuple[str, str]:
+def rate_of(wrong: int, tried: int) -> tuple[str, str]:
     """Return the rate of errors and its 95 % interval (Clopper and Pearson 1934) [%]."""
     interval = binomtest(wrong, tried).proportion_ci(0.95)
     return number(100.0 * wrong / tried, 2), f"{100.0 * interval.low:.2f} to {100.0 * interval.high:.2f}"
-
-
-MAPS = 6
-"""Number of maps of a set."""
-SET_KINDS = {
-    "six buildings": "a map of each",
-    "two buildings": "three maps of each",
-    "mirrored": "three maps of a building, three of its mirror image",
-    "far ends": "three maps of each of two ends of a building that share nothing",
-}
-SET_HEAD = (
-    *("sets", "maps", "tried", "pairs accepted wrongly", "sets joined wrongly", "rate %", "95 % interval"),
-    "joined rightly",
-)
-
-_SETS_APART, _SEEDS_APART = 100, 100_000
-"""Differences between the building numbers of consecutive sets, and of consecutive seeds."""
-
-
-@dataclass(frozen=True)
-class StrangerSet:
-    """The merge of one set."""
-
-    kind: str
-    """One of `SET_KINDS`."""
-    number: int
-    accepted: tuple[Pair, ...]
-    """Pairs that were accepted wrongly."""
-    joined: tuple[Pair, ...]
-    """Pairs that were joined wrongly."""
-    right: int
-    possible: int
-    """Numbers of pairs that were joined correctly, and of pairs that show one place."""
-
-
-def _benchmark_sets(args: argparse.Namespace) -> None:
-    """Merge sets and print the rate of false joins."""
-    machine = describe_machine()
-    tasks = [(index, args.seed) for index in range(args.sets)]
-    met = list(tqdm(_met(meet_set, tasks, args.workers, 1), total=args.sets, disable=None))
-    table = summary(met)
-    print(text_table(*table))
-    for outcome in met:
-        if outcome.joined:
-            how = "an accepted pair" if set(outcome.accepted) & set(outcome.joined) else "refused pairs that agree"
-            names = sorted(set(itertools.chain.from_iterable(outcome.joined)))
-            print(f"wrongly joined: {', '.join(names)} of set {outcome.number}, {outcome.kind}, by {how}")
-    print(machine_line(machine))
-    write_tables(args.table, machine, {"sets": table})
-
-
-def summary(met: list[StrangerSet]) -> ResultTable:
-    """Return the table."""
-    rows = [
-        _set_row(kind, about, [outcome for outcome in met if outcome.kind == kind]) for kind, about in SET_KINDS.items()
-    ]
-    return ResultTable(SET_HEAD, [*rows, _set_row("all", "", met)])
-
-
-def meet_set(number_of_set: int, seed: int) -> StrangerSet:
-    """Make a set by its number and merge it."""
-    placed = make_set(number_of_set, seed)
-    maps = maps_by_name(placed)
-    config = MergeConfig()
-    found = merge(maps, config).alignments
-    pairs = {pair: known_pair(pair, placed, maps) for pair in itertools.combinations(maps, 2)}
-    joined = joined_pairs(groups_of(list(maps), found, config.graph))
-    right = [pair for pair, where in joined.items() if pairs[pair].is_near(where)]
-    return StrangerSet(
-        kind_of(number_of_set),
-        number_of_set,
-        tuple(
-            pair
-            for pair, outcome in found.items()
-            if outcome.accepted and not pairs[pair].is_near(outcome.T_target_source)
-        ),
-        tuple(pair for pair in joined if pair not in right),
-        len(right),
-        sum(known.T_target_source is not None for known in pairs.values()),
-    )
-
-
-def kind_of(number_of_set: int) -> str:
-    """Return the kind of a set."""
-    return list(SET_KINDS)[number_of_set % len(SET_KINDS)]
-
-
-def make_set(number_of_set: int, seed: int) -> dict[str, PlacedMap]:
-    """Return the maps of a set, each of a whole building or of a part of one."""
-    rng = np.random.default_rng([seed, number_of_set, MAPS])
-    first = seed * _SEEDS_APART + number_of_set * _SETS_APART
-    kind, half = kind_of(number_of_set), MAPS // 2
-    if kind == "six buildings":
-        placed = [outcome for index in range(MAPS) for outcome in maps_of(_part(first + index, rng), 1, rng)]
-    elif kind == "two buildings":
-        placed = [outcome for index in range(2) for outcome in maps_of(_part(first + index, rng), half, rng)]
-    else:
-        both = maps_of_mirrored if kind == "mirrored" else maps_of_far_ends
-        placed = list(both(_part(first, rng), half, rng))
-    return shuffled(placed, rng)
-
-
-def _part(number_of_building: int, rng: np.random.Generator) -> Building:
-    return some_part(building_of(number_of_building, rng), rng)
-
-
-def _set_row(kind: str, about: str, met: list[StrangerSet]) -> list[str]:
-    tried, wrong = len(met), sum(bool(outcome.joined) for outcome in met)
-    if not tried:
-        return [kind, about, "0", "0", "0", "-", "-", "-"]
-    accepted = sum(len(outcome.accepted) for outcome in met)
-    right, possible = sum(outcome.right for outcome in met), sum(outcome.possible for outcome in met)
-    rightly = f"{right} of {possible}" if possible else "-"
-    return [kind, about, str(tried), str(accepted), str(wrong), *_rate(wrong, tried), rightly]

@@ -26,10 +26,12 @@ from tbmslam.report.page import RunInfo, downloads
 from tbmslam.report.rerun_viewer import RerunViewer
 from tbmslam.slam import Slam
 from tbmslam.special_file import why_unreadable
+from tools.command_line.checksums import changed_files, write_checksums
 from tools.command_line.configuration import Configuration
+from tools.command_line.extra_files import check_extra_files, write_extra_files
 from tools.command_line.options import LIVE
-from tools.command_line.output_folder import OutputError, changed_files, output_folder, write_checksums
-from tools.command_line.paths import check_extra_files, map_folders, write_extra_files
+from tools.command_line.output_folder import OutputError, output_folder
+from tools.command_line.paths import map_folders
 from tools.command_line.progress import ProgressBars
 from tools.mapping.plan import plan_mapping
 from tools.mapping.task import Mapped, MappingTask, Shelf, finished, map_robot

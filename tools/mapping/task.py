@@ -29,9 +29,9 @@ from tbmslam.sensing.laser_scan import Corrections, Reading
 from tbmslam.sensing.segmentation import Segment, in_frame
 from tbmslam.slam import Slam
 from tbmslam.special_file import why_unreadable
+from tools.command_line.checksums import NAME as CHECKSUMS
+from tools.command_line.checksums import changed_files, write_checksums
 from tools.command_line.configuration import Configuration, mapping_text
-from tools.command_line.output_folder import NAME as CHECKSUMS
-from tools.command_line.output_folder import changed_files, write_checksums
 from tools.command_line.program import loading
 
 

@@ -1,7 +1,4 @@
-"""truth.json: where the maps of robots lie in the frame of a reference.
-
-`tools.mapping` writes it. It stands apart from `tools.evaluation`, which takes a third of a second to load.
-"""
+"""truth.json: the poses of robots' maps in the frame of a reference. `tbmslam map` writes it."""
 
 import json
 from collections.abc import Mapping

@@ -20,8 +20,8 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps, make_world
-from tools.command_line.text_table import describe_machine
-from tools.map_pairs import KnownPair
+from tools.command_line.measurement_record import describe_machine
+from tools.map_pairs.known_pair import KnownPair
 from tools.mapping.truth_file import NAME as TRUTH_FILE
 from tools.mapping.truth_file import read_truth_file
 

@@ -22,10 +22,13 @@ from tools.paper.page import PaperPicture, Section, draw_curves
 _NO_VALUE = "–"
 
 
+_ABSENT = ("SURF", "BRIEF")
+"""Detectors of the paper's table I that the required package of OpenCV does not have."""
+
+
 def detector_section(results: PaperResults, settings: PaperSettings) -> Section:
     """Table I."""
-    names, absent = list(DETECTORS), [name for name in ("SURF", "BRIEF") if name not in DETECTORS]
-    none = [_NO_VALUE] * len(absent)
+    names, none = list(DETECTORS), [_NO_VALUE] * len(_ABSENT)
     rows = [
         [pair, *(f"{_share(by[name].share_right)} of {by[name].matches}" for name in names), *none]
         for pair, by in results.detectors.items()
@@ -34,7 +37,7 @@ def detector_section(results: PaperResults, settings: PaperSettings) -> Section:
     inliers = {n: np.array([by[n].share_inliers for by in results.detectors.values()]) for n in names}
     rows.append(["mean here", *(_share(_mean(right[n])) for n in names), *none])
     rows.append(["what RANSAC calls inliers", *(_share(_mean(inliers[n])) for n in names), *none])
-    columns = [*names, *absent]
+    columns = [*names, *_ABSENT]
     theirs = [_share(_mean(np.array(TABLE_1[n]))) if n in TABLE_1 else _NO_VALUE for n in columns]
     rows.append(["the paper's mean", *theirs])
     published = [[str(number + 1), *(f"{TABLE_1[n][number]:.3f}" for n in TABLE_1)] for number in range(7)]
@@ -52,8 +55,8 @@ def detector_section(results: PaperResults, settings: PaperSettings) -> Section:
                 f"3 cells instead of {settings.tolerance_m:g} m. They are an estimate: wrong transforms have inliers."
             ),
             (
-                f"Descriptors. {_why_absent(absent)}AKAZE is added. The number of keypoints of BRISK, AKAZE, SURF and "
-                "STAR (for BRIEF) cannot be requested: the strongest are used."
+                "Descriptors. SURF and BRIEF are only in OpenCV's contrib package, so their columns are empty. AKAZE "
+                "is added. The number of keypoints of BRISK and AKAZE cannot be requested: the strongest are used."
             ),
             (
                 "Maps. For some of the paper's seven pairs, SIFT and SURF have no right match (0.0). Pairs of fully "
@@ -65,15 +68,6 @@ def detector_section(results: PaperResults, settings: PaperSettings) -> Section:
             Table("The paper's table I", ["pair", *TABLE_1], published),
         ],
     )
-
-
-def _why_absent(absent: Sequence[str]) -> str:
-    """Return the reasons for empty columns."""
-    reasons = {
-        "SURF": "SURF was patented: it runs only where OpenCV's contrib package was built with it. ",
-        "BRIEF": "BRIEF is in OpenCV's contrib package, which is not installed: with it the column is filled. ",
-    }
-    return "".join(reasons[name] for name in absent)
 
 
 def modification_section(results: PaperResults, settings: PaperSettings) -> Section:

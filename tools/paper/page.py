@@ -17,6 +17,8 @@ COLOURS = {"a": "#0072B2", "b": "#D55E00", "c": "#009E73", "d": "#CC79A7", "e": 
 _PAPER_PAIRS = 10
 _LITTLE_KNOWN = 217
 """Grey value [of 255] of cells with more than 85 % of their mass on unknown."""
+_MARGIN = 10
+"""Cells around the known ones in a picture."""
 
 Window = tuple[slice, slice]
 """Rows and columns of an image."""
@@ -94,14 +96,14 @@ def draw_curves(studies: Mapping[str, Study], keypoints: int, ratio: float) -> b
     return out.getvalue()
 
 
-def window_of(grid: TbmGrid, margin: int = 10) -> Window:
+def window_of(grid: TbmGrid) -> Window:
     """Return the part of a grid's image with many known cells, without single beams."""
     known = Channels.from_grid(grid).unknown < _LITTLE_KNOWN
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
         return slice(None), slice(None)
-    first_row, first_col = max(int(rows[0]) - margin, 0), max(int(cols[0]) - margin, 0)
-    return slice(first_row, int(rows[-1]) + margin), slice(first_col, int(cols[-1]) + margin)
+    first_row, first_col = max(int(rows[0]) - _MARGIN, 0), max(int(cols[0]) - _MARGIN, 0)
+    return slice(first_row, int(rows[-1]) + _MARGIN), slice(first_col, int(cols[-1]) + _MARGIN)
 
 
 def draw_grid(grid: TbmGrid, window: Window) -> bytes:

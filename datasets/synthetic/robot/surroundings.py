@@ -11,14 +11,14 @@ from tbmslam.kernels.rays.ray_casting import cast_rays
 
 _GLASS_SHARE, _PASSING = 0.15, 0.8  # of the walls, and of the beams that meet them
 _LONG_WALL = 1.0  # [m]
-_EVERY, _IN_SIGHT = 3.0, 8.0  # a person crosses the way so often, and is in sight before and after [s]
+_EVERY, _IN_SIGHT = 3.0, 8.0  # time between people who cross the path; time that each is in sight before and after [s]
 _PERSON, _WALKING = 0.2, 1.0  # radius [m], speed [m/s]
-_CROWD, _CROWD_FROM, _CROWD_TO, _ROUND = 5, 1.0, 2.0, 0.2  # people, distances [m], how fast they walk around [rad/s]
+_CROWD, _CROWD_FROM, _CROWD_TO, _ROUND = 5, 1.0, 2.0, 0.2  # people, distances [m], turn rate of their circle [rad/s]
 _BOXES, _BOX = 12, 0.5  # number, side [m]
 _POSTS = ((-1.05, 0.3, 0.03), (1.3, 0.45, 0.04))  # direction from the laser [rad], distance [m], radius [m]
-_SHAKING = 0.01  # how far parts of a driving robot are from where they belong [m]
+_SHAKING = 0.01  # displacement of the posts of a driving robot [m]
 _CABIN = 1.9  # side of a lift's cabin [m]
-_KEPT_FREE = 0.7  # from the robot to the middle of a box or a person [m]
+_KEPT_FREE = 0.7  # least distance of the robot from the middle of a box or a person [m]
 
 
 def ranges_of(robot: SimulatedRobot) -> FloatArray:
@@ -83,7 +83,7 @@ def behind_posts(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:
 
 
 def with_moved_boxes(robot: SimulatedRobot, at: float, rng: np.random.Generator) -> FloatArray:
-    """Return the ranges (S, B) of all scans with boxes beside the way that stand elsewhere from a stamp on."""
+    """Return the ranges (S, B) of all scans with boxes beside the path, which are moved at a stamp."""
     path = robot.truth.poses[::10, :2]
     places: list[FloatArray] = []
     while len(places) < 2 * _BOXES:
@@ -102,7 +102,7 @@ def in_a_cabin(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:
 
 
 def _before(robot: SimulatedRobot, things: list[FloatArray], rng: np.random.Generator) -> FloatArray:
-    """Return the ranges (S, B) of all scans with things (N, 4) before what was seen, others for each scan."""
+    """Return the ranges (S, B) of all scans with segments (N, 4) in front of the walls, others for each scan."""
     ranges = ranges_of(robot)
     scan = robot.readings[0].scan
     for index, walls in enumerate(things):

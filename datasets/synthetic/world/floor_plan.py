@@ -95,10 +95,10 @@ class FloorPlan:
         self._polygons.append(corners)
         return True
 
-    def try_column(self, x: float, y: float, radius: float, margin: float = 0.0) -> bool:
+    def try_column(self, x: float, y: float, radius: float) -> bool:
         """Add a column if there is room; return whether it was added."""
         around = Rectangle(x - radius, y - radius, x + radius, y + radius)
-        if not self.has_room_for(around, margin):
+        if not self.has_room_for(around):
             return False
         self._things.append(around)
         self.add_post(x, y, radius)

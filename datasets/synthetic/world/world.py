@@ -35,8 +35,8 @@ class World:
     walls: FloatArray
     """Segments (N, 4): x0, y0, x1, y1 [m], surfaces of walls and furniture."""
     places: FloatArray
-    """Points (M, 2) [m] that robots visit: rooms, parts of corridors. A few may be under furniture; what connects most
-    of them is the inside."""
+    """Points (M, 2) [m] that robots visit: rooms, parts of corridors. A few may be under furniture; the region that
+    connects most of them is the inside."""
 
     def __post_init__(self) -> None:
         """Check the arrays' shapes, and that there are places."""
@@ -113,13 +113,7 @@ def _covering(bounds: tuple[float, float, float, float], cells: GridGeometry, ma
     bottom, left = min(bottom, 0), min(left, 0)
     if not cells.rows:  # an empty lattice: only the bounds count
         bottom, left = cells.cell_at(min_x - margin, min_y - margin)
-    return GridGeometry(
-        cells.resolution,
-        cells.origin_x + left * cells.resolution,
-        cells.origin_y + bottom * cells.resolution,
-        max(top + 1, cells.rows) - bottom,
-        max(right + 1, cells.cols) - left,
-    )
+    return cells.part(bottom, max(top + 1, cells.rows), left, max(right + 1, cells.cols))
 
 
 def _window(labels: Labels, whole: GridGeometry, part: GridGeometry) -> Labels:

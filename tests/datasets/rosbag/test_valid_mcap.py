@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from mcap.writer import IndexType, Writer
 
 from datasets import open_recording
-from datasets.salvage.ros2 import has_full_index
+from datasets.salvage.mcap_file import has_full_index
 
 SCANS = 40
 NO_CHUNK_INDEX = IndexType.ALL & ~IndexType.CHUNK

@@ -8,7 +8,6 @@ from merging.experiments.detectors import (
     Described,
     DescriptorMatches,
     compare_detectors,
-    contributed_detectors,
     match_all,
     share_of_inliers,
 )
@@ -40,11 +39,8 @@ def test_one_descriptor_matches_nothing(pair):
 
 def test_every_detector_finds_its_keypoints_again(pair):
     results = compare_detectors(pair, 300, 0.8, 0.5)
-    assert list(results) == list(DETECTORS)
-    assert list(DETECTORS)[:4] == ["ORB", "BRISK", "SIFT", "AKAZE"]
-    assert set(DETECTORS) - {"ORB", "BRISK", "SIFT", "AKAZE"} == set(contributed_detectors()) <= {"SURF", "BRIEF"}
-    for name in ("ORB", "BRISK", "SIFT", "AKAZE"):  # BRIEF knows no turned picture
-        result = results[name]
+    assert list(results) == list(DETECTORS) == ["ORB", "BRISK", "SIFT", "AKAZE"]
+    for name, result in results.items():
         assert result.matches >= 10, name
         assert result.share_right > 0.7, name
         assert result.share_inliers > 0.4, name

@@ -38,8 +38,3 @@ def test_the_rules_keep_what_the_paper_says(pair):
     assert halves.unknown_in_overlap(halves.conjunctive) < before < halves.unknown_in_overlap(halves.disjunctive)
     outside = halves.union.masses[:, :98]
     np.testing.assert_array_equal(outside, pair.target.masses[:, :98])
-
-
-def test_halves_must_meet(pair):
-    with pytest.raises(ValueError, match=r"share must lie within \[0.5, 1\], got 0.4"):
-        fuse_halves(pair.target, 0.4)

@@ -31,21 +31,6 @@ def slow_resample(grid, T_target_source, geometry, samples):
     return resampled
 
 
-def test_the_identity_changes_no_bit():
-    grid = random_grid(0)
-    same = resample(grid, SE2.identity(), grid.geometry)
-    assert same.masses.tobytes() == grid.masses.tobytes()
-
-
-def test_a_quarter_turn_moves_whole_cells():
-    grid = random_grid(1)
-    # (x, y) -> (-y, x): the old top edge becomes the new left edge.
-    g = grid.geometry
-    turned = GridGeometry(g.resolution, -(g.origin_y + g.rows * g.resolution), g.origin_x, g.cols, g.rows)
-    result = resample(grid, SE2(0.0, 0.0, math.pi / 2), turned)
-    np.testing.assert_array_equal(result.masses, grid.masses.transpose(1, 0, 2)[:, ::-1])
-
-
 def test_a_shift_by_whole_cells_is_exact_and_the_rest_is_unknown():
     grid = random_grid(2)
     result = resample(grid, SE2(0.3, -0.2, 0.0), grid.geometry)

@@ -1,5 +1,3 @@
-"""The original programs' dumps: read as they wrote them, and written so that they come back."""
-
 import lzma
 import struct
 from pathlib import Path
@@ -14,9 +12,10 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED, UNKNOWN
 from tbmslam.io.tbm_dump import read_tbm_dump, write_tbm_dump
 from tbmslam.map.map_check import MapFileError
+from tests.merging_dump import write_merging_dump
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "vinyslam"
-LAYOUTS = ("slam", "merging")
+WRITERS = (write_tbm_dump, write_merging_dump)
 
 
 @pytest.fixture
@@ -48,7 +47,7 @@ def test_the_original_dump_written_again_differs_by_rounding_only(dump):
     with lzma.open(GOLDEN / "idle.tbm_map.xz") as file:
         original = file.read()
     dump.write_bytes(original)
-    write_tbm_dump(dump, read_tbm_dump(dump), "slam")
+    write_tbm_dump(dump, read_tbm_dump(dump))
     written = dump.read_bytes()
     assert written[:24] == original[:24]
     cell = np.dtype([("probability", "<f8"), ("quality", "<f8"), ("is_unknown", "u1"), ("masses", "<f8", 4)])
@@ -60,7 +59,7 @@ def test_the_original_dump_written_again_differs_by_rounding_only(dump):
     np.testing.assert_allclose(ours["probability"], theirs["probability"], rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("write", WRITERS)
 @settings(max_examples=30, deadline=None)
 @given(
     rows=st.integers(1, 7),
@@ -68,33 +67,13 @@ def test_the_original_dump_written_again_differs_by_rounding_only(dump):
     seed=st.integers(0, 99),
     origin=st.tuples(*[st.integers(-99, 99)] * 2),
 )
-def test_grids_come_back_bit_for_bit(tmp_path_factory, layout, rows, cols, seed, origin):
+def test_grids_come_back_bit_for_bit(tmp_path_factory, write, rows, cols, seed, origin):
     path = tmp_path_factory.mktemp("dump") / "map.tbm_map"
     grid = some_grid(rows, cols, seed, (0.1, origin[0] * 0.1, origin[1] * 0.1))
-    write_tbm_dump(path, grid, layout)
+    write(path, grid)
     again = read_tbm_dump(path)
     np.testing.assert_array_equal(again.masses, grid.masses)
     assert again.geometry == grid.geometry
-
-
-def test_the_merging_layout_is_what_the_original_reads(dump):
-    write_tbm_dump(dump, some_grid(), "merging")
-    content = dump.read_bytes()
-    assert struct.unpack("<iidii", content[:24]) == (3, 5, 0.25, 4, 2)
-    cells = np.frombuffer(lz4.frame.decompress(content[24:]), dtype="<f8").reshape(3, 5, 6)
-    masses = some_grid().masses
-    np.testing.assert_allclose(cells[..., 0], masses[..., OCCUPIED] + 0.5 * masses[..., UNKNOWN], atol=1e-7)
-    assert (cells[..., 1] == 1.0).all()
-    np.testing.assert_array_equal(cells[..., 2:], masses[..., [UNKNOWN, FREE, OCCUPIED, CONFLICT]])
-
-
-def test_the_frame_is_made_like_the_original_s(dump):
-    """As roslz4 makes it; a smaller map gets smaller blocks."""
-    write_tbm_dump(dump, some_grid(300, 300), "merging")
-    info = lz4.frame.get_frame_info(dump.read_bytes()[24:])
-    assert info["block_size_id"] == lz4.frame.BLOCKSIZE_MAX4MB
-    assert info["content_checksum"]
-    assert not info["block_linked"]
 
 
 def test_an_origin_between_cells_is_rounded_to_the_nearest_cell(dump):
@@ -109,10 +88,10 @@ def test_dumps_packed_by_xz_are_read(dump):
     np.testing.assert_array_equal(read_tbm_dump(dump).masses, some_grid().masses)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("write", WRITERS)
 @pytest.mark.parametrize("length", [1, 23, 25, 70, -1])
-def test_a_dump_cut_off_anywhere_is_refused(dump, layout, length):
-    write_tbm_dump(dump, some_grid(), layout)
+def test_a_dump_cut_off_anywhere_is_refused(dump, write, length):
+    write(dump, some_grid())
     dump.write_bytes(dump.read_bytes()[:length])
     with pytest.raises(MapFileError, match=r"some\.tbm_map.*cut off"):
         read_tbm_dump(dump)
@@ -149,7 +128,7 @@ def test_masses_that_are_no_belief_are_refused(dump, mass, message):
 
 
 def test_damage_in_the_compressed_cells_is_noticed(dump):
-    write_tbm_dump(dump, some_grid(), "merging")
+    write_merging_dump(dump, some_grid())
     content = bytearray(dump.read_bytes())
     content[60] ^= 0xFF
     dump.write_bytes(content)
@@ -177,7 +156,5 @@ def test_a_missing_dump_is_one_line(tmp_path):
 
 
 def test_what_the_format_cannot_hold_is_a_wrong_argument(dump):
-    with pytest.raises(ValueError, match="layout must be 'slam' or 'merging', got 'other'"):
-        write_tbm_dump(dump, some_grid(), "other")
     with pytest.raises(ValueError, match=r"origin must lie within 2\^31 cells"):
         write_tbm_dump(dump, some_grid(geometry=(0.01, 1e9, 0.0)))

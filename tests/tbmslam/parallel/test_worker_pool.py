@@ -170,13 +170,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.fixture
-def worker_pool_on_a_terminal():
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 def test_work_is_done_in_other_processes():
     with worker_pool(2) as pool:
         assert list(pool.map(abs, [-1, 2, -3])) == [1, 2, 3]
@@ -197,7 +190,7 @@ def test_what_fails_does_not_wait_for_the_rest():
     assert multiprocessing.active_children() == []
 
 
-def test_ctrl_c_before_there_is_a_worker_lets_none_begin(worker_pool_on_a_terminal):
+def test_ctrl_c_before_there_is_a_worker_lets_none_begin():
     taken = []
 
     def work():

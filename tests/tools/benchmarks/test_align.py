@@ -14,8 +14,8 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tools import benchmark, calibrate_merging, make_map_pairs
 from tools.benchmarks.align import PairResult, comparison, details, encounters_of, summary
-from tools.calibration import BINS, calibration_table
-from tools.map_pairs import KnownPair, PairFileError, load_pair
+from tools.calibration.calibration_report import BINS, calibration_table
+from tools.map_pairs.known_pair import KnownPair, PairFileError, load_pair
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmark import main
 from tools.benchmarks.fleet import _joined, _placed, draw_fleet, make_fleet
-from tools.map_pairs import grid_of
+from tools.map_pairs.known_pair import grid_of
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@ import pytest
 
 from datasets.synthetic.map_pairs.pairs import Building
 from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tools.map_pairs import floor_of_grid, floors_of, pairs_of, shows_part, variants_of
+from tools.map_pairs.floors import floor_of_grid, floors_of, pairs_of, shows_part, variants_of
 
 NAMES = [
     "crop_lab_f_035", "crop_corridor3_1_015", "crop_ex3_025", "crop_ex3part2mir_5_015",

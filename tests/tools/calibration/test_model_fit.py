@@ -4,15 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import check_grad
 
-from merging import MergeConfig
 from merging.scoring import FEATURES, MEASURES, SIGNS, ConfidenceModel
 from merging.verification import Evidence, Pieces
-from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
-from tests.merging.bent_floor import bent_maps
-from tools.calibration import Judgement, Trial, _surprise, acceptance_table, calibration_table, fit_model, held_out
-from tools.map_pairs import KnownPair
+from tools.calibration.model_fit import _surprise, fit_model, held_out
+from tools.calibration.trial import Trial
 
 CHANCE = Evidence(
     overlap_m2=30.0, compared_wall_m=20.0, agreed_wall_m=12.0, conflicting_wall_m=4.0, unseen_wall_m=1.0,
@@ -42,27 +38,6 @@ def trials(count=60):
     rng = np.random.default_rng(3)
     names = [f"crop_{'abcdef'[i % 6]}_{i}_050" if i % 3 else f"negs_{'abcdef'[i % 6]}_{i}" for i in range(count)]
     return [trial(rng, name, known=name.startswith("crop")) for name in names]
-
-
-@pytest.mark.parametrize("swapped", [False, True])
-def test_the_evidence_of_distorted_maps_is_collected_after_deformation(swapped):
-    target, source, true = bent_maps("store")
-    pair = KnownPair("crop_store_1_100", target, source, true, 1.0)
-    if swapped:
-        pair = KnownPair("crop_store_1_100", source, target, true.inverse(), 1.0)
-    rigid, bent = (of(pair, MergeConfig()) for of in (Trial.of, Trial.of_deformed))
-    assert bent.near[0]
-    assert bent.near.sum() == 1
-    assert bent.candidates[0].agreed_wall_m > 1.5 * max(one.agreed_wall_m for one in rigid.candidates)
-    assert len(bent.candidates) <= 1 + 2 * MergeConfig().nonrigid.rivals
-    assert max(one.agreement for one in bent.decoys) < bent.candidates[0].agreement
-
-
-def test_maps_that_do_not_fit_are_not_deformed():
-    target, _, _ = bent_maps("store")
-    empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 30, 30)))
-    for other in (empty, bent_maps("office")[0]):
-        assert Trial.of_deformed(KnownPair("negd_store_office_1", target, other, None, None), MergeConfig()) is None
 
 
 def test_the_fitted_model_separates_true_from_false_poses():
@@ -112,21 +87,3 @@ def test_nothing_found_is_judged_zero():
     model = fit_model(trials(12))
     assert none.judged(model).confidence == 0.0
     assert fit_model([*trials(12), none]).bias != pytest.approx(model.bias, abs=0.0)
-
-
-JUDGED = [
-    Judgement("crop_a_100", 0.95, True),
-    Judgement("crop_a_015", 0.75, False),
-    Judgement("crop_b_015", 0.65, True),
-    Judgement("negs_a_1", 0.55, False),
-]
-
-
-def test_the_table_counts_what_would_be_accepted():
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in acceptance_table(JUDGED).splitlines()[2:]]
-    assert rows[0] == ["0.5", "1/1", "1/2", "1", "1 of 1"]
-    assert rows[2] == ["0.7", "1/1", "0/2", "1", "0 of 1"]
-
-
-def test_confidences_are_held_against_what_came_true():
-    assert "0.50 to 1.00 | 4     |       0.725 |        0.500" in calibration_table(JUDGED, (0.0, 0.5, 1.0))

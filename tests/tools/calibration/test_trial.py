@@ -1,0 +1,29 @@
+import pytest
+
+from merging import MergeConfig
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.map.tbm_map import TbmMap
+from tests.merging.bent_floor import bent_maps
+from tools.calibration.trial import Trial
+from tools.map_pairs.known_pair import KnownPair
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_the_evidence_of_distorted_maps_is_collected_after_deformation(swapped):
+    target, source, true = bent_maps("store")
+    pair = KnownPair("crop_store_1_100", target, source, true, 1.0)
+    if swapped:
+        pair = KnownPair("crop_store_1_100", source, target, true.inverse(), 1.0)
+    rigid, bent = (of(pair, MergeConfig()) for of in (Trial.of, Trial.of_deformed))
+    assert bent.near[0]
+    assert bent.near.sum() == 1
+    assert bent.candidates[0].agreed_wall_m > 1.5 * max(one.agreed_wall_m for one in rigid.candidates)
+    assert len(bent.candidates) <= 1 + 2 * MergeConfig().nonrigid.rivals
+    assert max(one.agreement for one in bent.decoys) < bent.candidates[0].agreement
+
+
+def test_maps_that_do_not_fit_are_not_deformed():
+    target, _, _ = bent_maps("store")
+    empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 30, 30)))
+    for other in (empty, bent_maps("office")[0]):
+        assert Trial.of_deformed(KnownPair("negd_store_office_1", target, other, None, None), MergeConfig()) is None

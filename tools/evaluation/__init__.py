@@ -1,0 +1,1 @@
+"""Scores of maps and trajectories against a truth."""

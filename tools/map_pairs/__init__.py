@@ -1,0 +1,1 @@
+"""Pairs and sets of maps with known poses."""
