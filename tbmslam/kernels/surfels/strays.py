@@ -9,9 +9,6 @@ from tbmslam.kernels.surfels.surfels import SIDE, SurfelArrays, fit_surfel, laye
 _MATCHING = 0.9
 """A hit that matches a surfel by a larger share is not compared with the outline, which takes longer."""
 
-ENOUGH = 120
-"""Number of hits that are at least compared, evenly chosen; objects count by half a metre."""
-
 
 @kernel
 def count_strays(
@@ -34,12 +31,11 @@ def count_strays(
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
     squared, strays, before, per_span = tolerance * tolerance, 0.0, 0.5, 0.5 / span
-    every = max(len(points) // ENOUGH, 1)
-    for i in range(0, len(points), every):
+    for i in range(len(points)):
         px, py, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
         after = 0.5
-        if i + every < len(points):
-            dx, dy = points[i + every, 0] - px, points[i + every, 1] - py
+        if i + 1 < len(points):
+            dx, dy = points[i + 1, 0] - px, points[i + 1, 1] - py
             after = min(per_span * math.sqrt(dx * dx + dy * dy), 0.5)
         counted, before, known = before + after, after, 0.0
         hit_x, hit_y = x + cosine * px - sine * py, y + sine * px + cosine * py
