@@ -43,7 +43,7 @@ class Track:
         self.keyframes: Keyframes = drive.keyframes.transformed(T_merged_map)
         self.sensors = self.keyframes.all_sensor_poses()
         self.hits = DriveHits(ScanHits.of(self.keyframes, config.max_range), self.sensors)
-        stretches = split_into_submaps(self.sensors, config.length)
+        stretches = split_into_submaps(self.hits.travelled, config.length)
         self.submaps = [Submap(first, last, self.hits, config, SurfelConfig()) for first, last in stretches]
 
     def chain(self, start: int, config: JointConfig) -> list[MotionEdge]:

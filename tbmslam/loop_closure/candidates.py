@@ -128,7 +128,7 @@ class ClosingTargets:
     ) -> None:
         self._hits, self._config, self._surfels = hits, config, surfels
         self._min_gap, self._familiar = min_gap, familiar
-        self._stretches = split_into_submaps(hits.poses, config.length)
+        self._stretches = split_into_submaps(hits.travelled, config.length)
         self._travelled: list[float] = hits.travelled.tolist()
         self._decided = 0
         # First and last keyframes of the targets, in the order of the drive.

@@ -21,6 +21,7 @@ from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose
 from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
 from tbmslam.loop_closure.drift_test import DriftTest
 from tbmslam.loop_closure.far_search import FarSearch
+from tbmslam.loop_closure.loose_steps import LooseSteps
 from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.loop_closure.submap import SubmapConfig, open_direction, without_open_direction
 from tbmslam.map.drive import spread_corrections
@@ -32,15 +33,12 @@ from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig
 
 logger = logging.getLogger(__name__)
-
 _SAME_PLACE = 0.005  # [m]
 _SAME_HEADING = 0.0015  # [rad]
 _FAR_STEP = 2.0
 """Travelled length between keyframes that are searched for far away [m]."""
-
 _FAR_BUNDLE = 4.0
 """Path before and after a keyframe whose hits form a bundle for far searches, as single scans are ambiguous [m]."""
-
 _FAR_VOTES = ClosureVotesConfig(
     min_matched=0.1,
     violation_cost=2.0,
@@ -149,7 +147,9 @@ class _Drive:
         self.poses = poses.copy()
         self.closures: dict[tuple[int, int], MotionEdge] = {}
         self._tracked = poses
-        self._hits = DriveHits(scans, poses)
+        self._loose = LooseSteps(poses, chain.covariances)
+        # Longer than a submap, so that neither a submap nor a bundle extends over a loose step.
+        self._hits = DriveHits(scans, poses, self._loose.ends(), 2.0 * config.submap.length)
         self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
         self._new: list[PlacedBundle] = []  # not yet among the closures
         self._bundle: tuple[int, _Bundle | None] = -1, None
@@ -172,8 +172,10 @@ class _Drive:
             self._targets.advance(keyframe)
             fits = self._found(keyframe)
             elected = [] if fits else self._found_far(keyframe)
-            self._targets.note(keyframe, [fit.target for fit in (*fits, *elected) if fit.keyframe == keyframe])
-            self._new += fits + elected
+            self._new += (found := fits + elected)
+            self._targets.note(keyframe, [fit.target for fit in found if fit.keyframe == keyframe])
+            for fit in found:
+                self._loose.bridge(fit.keyframe, self._targets.stretch(fit.target)[1])
             if elected:
                 self._pull_together()
             elif any(map(self._is_surprising, fits)):
@@ -251,12 +253,13 @@ class _Drive:
         near, distances = self._targets.near(keyframe, self.poses, config.reach + config.max_shift)
         if not len(near):
             return []
-        drifts = self._targets.path_lengths(keyframe)[near].tolist()
-        found = []
-        for target, distance, drift in zip(near.tolist(), distances.tolist(), drifts, strict=True):
-            shift = min(0.3 + config.drift * drift, config.max_shift)
+        drifts, anchors = self._targets.path_lengths(keyframe)[near], self._targets.anchors(keyframe)
+        loose, found = self._loose.windows(keyframe, anchors[1][near]), []
+        shifts = np.minimum(0.3 + config.drift * drifts + loose[:, 0], config.max_shift).tolist()
+        turns = (np.minimum(0.03 + config.turn_drift * drifts, config.max_turn) + loose[:, 1]).tolist()
+        for target, distance, shift, turn in zip(near.tolist(), distances.tolist(), shifts, turns, strict=True):
             if distance <= config.reach + shift:
-                found.append((target, shift, min(0.03 + config.turn_drift * drift, config.max_turn)))
+                found.append((target, shift, turn))
                 if len(found) == config.submaps_per_step:
                     break
         return found
@@ -265,7 +268,7 @@ class _Drive:
         """Return the poses of a keyframe's bundle; poses of wide searches only if several along the drive agree."""
         fits, votes = [], []
         for target, shift, turn in self._candidates(keyframe):
-            if shift > self.config.votes.beyond:
+            if shift > self.config.votes.beyond or turn > self.config.max_turn:
                 votes += self._votes_for(keyframe, target, shift, turn)
             else:
                 fits.append(self._fit(keyframe, target, shift, turn))

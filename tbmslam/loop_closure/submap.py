@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse, path_lengths
+from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse
 from tbmslam.kernels.rays.counting import count_scans
 from tbmslam.kernels.rays.lattice import Lattice, PlainLattice
 from tbmslam.kernels.search.correlation import (
@@ -171,16 +171,19 @@ def _search_field(
     return search_field(counts, config.free_penalty), lattice
 
 
-def split_into_submaps(poses: FloatArray, length: float) -> list[tuple[int, int]]:
-    """Return the (first, last) keyframes of segments of a drive, each `length` metres long and overlapping by half."""
-    travelled = path_lengths(poses)
+def split_into_submaps(travelled: FloatArray, length: float) -> list[tuple[int, int]]:
+    """Return the (first, last) keyframes of segments of a drive, each `length` metres long and overlapping by half.
+
+    `travelled` (K,) is the length of the path to each keyframe [m].
+    """
     count = max(math.ceil(2.0 * travelled[-1] / length) - 1, 1)
     stretches = []
     for number in range(count):
         begin = 0.5 * length * number
         first = int(np.searchsorted(travelled, begin, side="left"))
         last = int(np.searchsorted(travelled, begin + length, side="right")) - 1
-        stretches.append((first, max(last, first)))
+        if first <= last:
+            stretches.append((first, last))
     return stretches
 
 

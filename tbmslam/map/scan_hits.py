@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import FloatArray, path_lengths
+from tbmslam.geometry.se2 import FloatArray, IntArray, path_lengths
 from tbmslam.kernels.rays.hits import hits_of_scans, place_hits
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.sensing.laser_scan import Hits
@@ -39,14 +39,19 @@ class ScanHits:
 class DriveHits:
     """The hits of all keyframes of a drive and their poses (K, 3) as tracked: x [m], y [m], theta [rad].
 
-    `travelled` (K,) is the length of the path to each keyframe [m].
+    `travelled` (K,) is the length of the path to each keyframe [m]. The step to a keyframe of `breaks` counts as
+    `break_length` more [m], so that hits before and after it are not joined.
     """
 
-    def __init__(self, scans: ScanHits, poses: FloatArray) -> None:
+    def __init__(
+        self, scans: ScanHits, poses: FloatArray, breaks: IntArray | None = None, break_length: float = 0.0
+    ) -> None:
         if len(scans) != len(poses):
             raise ValueError(f"scans must be as many as poses, got {len(scans)} and {len(poses)}")
         self.scans, self.poses = scans, poses
         self.travelled = path_lengths(poses)
+        for keyframe in () if breaks is None else breaks:
+            self.travelled[keyframe:] += break_length
         self._travelled = self.travelled.tolist()
 
     def begins(self, chosen: npt.NDArray[np.int64], at_least: int = _ALL) -> npt.NDArray[np.int64]:

@@ -162,9 +162,11 @@ class SurfelTracker:
                 faulty = faulty_cost(prior.deviations, coasting.deviations)
             result = self._elsewhere(self._hits_of(scan), prior, coasting, faulty, T_robot_sensor, result)
         is_lost = _is_lost(result) and (between is None or not between.is_likely)
+        # Within a loose prior, such as after a gap in the scans, some hits fit by chance.
+        is_by_chance = prior.by_odometry and prior.is_loose() and _least_share(result) < _FEW
         least = config.min_matched if prior.by_odometry else max(config.min_matched, _FEW)
-        if result.matched < least:
-            return _unmatched(result, prior, between, T_robot_sensor, is_lost)
+        if result.matched < least or is_by_chance:
+            return _unmatched(result, prior, between, T_robot_sensor, is_lost or is_by_chance)
         if prior.by_odometry:
             self._surprise = result.surprise, faulty
         trust = _LOST_TRUST if is_lost else (FREEDOM + 3.0) / (FREEDOM + result.surprise)

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.map_folder import load_map
 from tbmslam.io.trajectory_file import read_tum
 from tbmslam.slam import Slam
-from tbmslam.tracking import surfel_tracker
+from tbmslam.tracking import motion_model, surfel_tracker
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 from tests.end_to_end.programs import build, merge_maps
 from tools import merge
@@ -135,7 +136,7 @@ def test_scans_far_apart_need_the_outline_of_the_last_keyframe(shared_data, monk
     readings = list(open_recording([shared_data / "mit-csail/mit-csail.bag"], RecordingOptions()))
     if not is_known:
         monkeypatch.setattr(surfel_tracker, "outline_of", lambda *_: np.empty((0, 4)))
-    assert least < error_of_few(readings, 0.0, 1.0) < most
+    assert least < error_of_few(readings, 12.0, 1.0) < most
 
 
 @pytest.mark.parametrize(("min_matched", "least", "most"), [(0.1, 0.0, 0.1), (0.2, 0.5, 10.0)])
@@ -144,7 +145,22 @@ def test_scans_far_apart_show_mostly_new_places(shared_data, min_matched, least,
     options = RecordingOptions(angle_step_deg=1.0)
     readings = list(open_recording([shared_data / "intel/intel.bag"], options))
     config = SlamConfig(tracker=SurfelTrackerConfig(min_matched=min_matched))
-    assert least < error_of_few(readings, 0.0, 1.0, config) < most
+    assert least < error_of_few(readings, 12.0, 1.0, config) < most
+
+
+@pytest.mark.parametrize(("too_old", "least", "most"), [(5.0, 0.0, 0.03), (math.inf, 1.0, 10.0)])
+def test_gaps_in_the_scans(shared_data, monkeypatch, too_old, least, most):
+    """Ablation of a limit of the robot's last pose on mit-csail, where 15 or 25 seconds of scans are missing."""
+    monkeypatch.setattr(motion_model, "_TOO_OLD", too_old)
+    readings = list(open_recording([shared_data / "mit-csail/mit-csail.bag"], RecordingOptions()))
+    relations = read_relations(shared_data / "mit-csail/mit-csail.relations")
+    first, last = (extreme(r.scan.stamp for r in readings) for extreme in (min, max))
+    errors = []
+    for twelfth, gap in ((2.5, 15.0), (3.5, 25.0), (6.5, 25.0)):
+        begin = first + (last - first) * twelfth / 12.0
+        kept = [r for r in readings if not begin <= r.scan.stamp < begin + gap]
+        errors.append(relation_errors(relations, trajectory_of(kept)).translations_m.mean())
+    assert least < max(errors) < most
 
 
 def error_of_few(readings, begin, spacing, config=None):

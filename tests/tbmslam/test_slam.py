@@ -13,6 +13,7 @@ from tbmslam.configuration.parameters import changed
 from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.trajectory_errors import absolute_errors, align_trajectories
 from tbmslam.geometry.se2 import SE2, compose, inverse
+from tbmslam.loop_closure import loose_steps
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.segmentation import in_frame
 from tbmslam.slam import Slam
@@ -314,6 +315,25 @@ def test_a_laser_that_sees_a_metre_needs_to_know_how_good_the_odometry_is(drive_
     stated = ate(robot, mapped(readings, changed(SlamConfig(), {"motion": {"odometry": {"learning": False}}})))
     assert learning < 0.4 * stated
     assert learning < 0.08
+
+
+def _ate_with_a_gap(drive_in) -> float:
+    """Return the ATE [m] in an office with poor odometry, where twelve seconds of scans are missing."""
+    robot = drive_in("office", 120.0, odometry="poor", seed=0)
+    middle = 0.5 * (robot.readings[0].scan.stamp + robot.readings[-1].scan.stamp)
+    return ate(robot, mapped([r for r in robot.readings if not middle <= r.scan.stamp < middle + 12.0]))
+
+
+def test_a_gap_in_the_scans_is_bridged_by_a_loop(drive_in):
+    assert _ate_with_a_gap(drive_in) < 0.015
+
+
+@pytest.mark.slow
+def test_a_gap_in_the_scans_needs_wide_searches(drive_in, monkeypatch):
+    """Ablation of `tbmslam.loop_closure.loose_steps`."""
+    monkeypatch.setattr(loose_steps, "_LOOSE_M", math.inf)
+    monkeypatch.setattr(loose_steps, "_LOOSE_RAD", math.inf)
+    assert _ate_with_a_gap(drive_in) > 0.1
 
 
 def _ate_with_reversed_odometry(drive_in, seed: int) -> float:

@@ -99,7 +99,7 @@ def test_points_gain_where_the_scans_hit(generator):
 
 def test_stretches_overlap_by_half():
     poses = np.column_stack((np.arange(0.0, 40.1, 0.5), np.zeros(81), np.zeros(81)))
-    stretches = split_into_submaps(poses, 8.0)
+    stretches = split_into_submaps(poses[:, 0], 8.0)
     assert stretches[0][0] == 0
     assert stretches[-1][1] == 80
     lengths = [poses[last, 0] - poses[first, 0] for first, last in stretches]
@@ -107,8 +107,15 @@ def test_stretches_overlap_by_half():
     assert all(later[0] <= earlier[1] for earlier, later in itertools.pairwise(stretches))
 
 
+def test_no_stretch_extends_over_a_break():
+    travelled = np.arange(0.0, 40.1, 0.5) + 16.0 * (np.arange(81) >= 31)
+    stretches = split_into_submaps(travelled, 8.0)
+    assert all((first < 31) == (last < 31) for first, last in stretches)
+    assert {k for first, last in stretches for k in range(first, last + 1)} == set(range(81))
+
+
 def test_a_short_drive_is_one_submap():
-    assert split_into_submaps(np.zeros((3, 3)), 8.0) == [(0, 2)]
+    assert split_into_submaps(np.zeros(3), 8.0) == [(0, 2)]
 
 
 def test_an_undetermined_direction_has_no_information():

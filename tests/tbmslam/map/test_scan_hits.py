@@ -49,6 +49,15 @@ def test_bundles_are_the_hits_of_the_keyframes_around(scans, poses):
     assert 60 <= len(drive.bundle(12, 1.0, 60).points) < 120
 
 
+def test_no_bundle_extends_over_a_break(scans, poses):
+    plain, broken = (DriveHits(packed(scans), poses, breaks, 16.0) for breaks in (None, np.array([12])))
+    np.testing.assert_allclose(broken.travelled - plain.travelled, [0.0] * 12 + [16.0] * 18, atol=1e-9)
+    own = len(scans[12].hits(5.0).points)
+    reach = max(plain.travelled[12] - plain.travelled[11], plain.travelled[13] - plain.travelled[12]) + 1e-6
+    before, after = (len(drive.bundle(12, reach, 10_000).points) - own for drive in (plain, broken))
+    assert before - after >= len(scans[11].hits(5.0).points)
+
+
 def test_begins_are_where_each_keyframe_begins(scans, poses):
     drive = DriveHits(packed(scans), poses)
     chosen = np.array([3, 9])

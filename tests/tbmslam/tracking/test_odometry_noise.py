@@ -55,6 +55,14 @@ def test_scans_that_determine_little_teach_almost_as_well(factors, within):
     assert ratios(factors, 0.3) == pytest.approx([1.0] * 3, rel=within)
 
 
+def test_a_keyframe_of_unknown_pose_teaches_nothing_about_the_motion():
+    """After a gap the keyframe's own pose is unknown, and the next scan is registered to that keyframe alone."""
+    noise = OdometryNoise(OdometryNoiseConfig())
+    before, motion = noise.factors, noise.deviations(STEP, TURN)
+    noise.learn((0.0, 0.0, 0.0), tuple(30.0 * deviation for deviation in motion), motion, (1.0, 1.0, 1.0))
+    assert noise.factors == pytest.approx(before, rel=0.05)
+
+
 def test_odometry_that_is_better_than_scans_can_tell_is_believed_more():
     learnt = 0.3 * ratios((0.3, 0.3, 0.3), 0.3)
     assert 0.3 < learnt.min() < learnt.max() < 0.55

@@ -202,3 +202,16 @@ def test_a_lost_scan_is_held_by_odometry_and_marked(tracker, half):
     assert match.T_map_sensor == mean @ mount
     assert match.information is None
     assert match.trust == 0.01
+
+
+def test_some_hits_of_a_scan_fit_by_chance_within_a_loose_prior(tracker):
+    """Another place after a gap in the scans: few of the hits lie on known walls."""
+    scan = room_scan(SE2.identity(), 1.0)
+    other = replace(scan, ranges=np.where(np.arange(BEAMS) % 90 < 40, scan.ranges, 1.7 * scan.ranges))
+    tight, loose = (
+        tracker.match(other, prior_at(SE2.identity(), deviations=(d, d, d)), SE2.identity()) for d in (0.02, 0.5)
+    )
+    assert tight.information is not None
+    assert loose.information is None
+    assert loose.is_lost
+    assert loose.T_map_sensor == SE2.identity()
