@@ -64,6 +64,6 @@ class BackEnd:
         if not self._adjustment.enabled:
             return drive
         with progress.during("adjusting"):
-            width = self._closing.robust_width
+            width = self._closing.graph.robust_width
             poses = adjust(drive.poses, [drive.hits], [drive.chain], drive.closures, width, self._adjustment)
         return drive._replace(poses=poses)

@@ -10,7 +10,6 @@ allows them, and no other place fits them as well.
 import logging
 import math
 from collections.abc import Iterator
-from itertools import compress
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -19,22 +18,19 @@ from pydantic import Field
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose
 from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
+from tbmslam.loop_closure.closure_graph import ROUGHLY, ClosureGraph, ClosureGraphConfig
 from tbmslam.loop_closure.drift_test import DriftTest
 from tbmslam.loop_closure.far_search import FarSearch
 from tbmslam.loop_closure.loose_steps import LooseSteps
 from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig, PlacedBundle
 from tbmslam.loop_closure.submap import SubmapConfig, open_direction, without_open_direction
-from tbmslam.map.drive import spread_corrections
 from tbmslam.map.scan_hits import DriveHits, ScanHits
-from tbmslam.optimisation.graph_optimisation import optimise
-from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge, edge_errors, relative_pose
+from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, relative_pose
 from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig
 
 logger = logging.getLogger(__name__)
-_SAME_PLACE = 0.005  # [m]
-_SAME_HEADING = 0.0015  # [rad]
 _FAR_STEP = 2.0
 """Travelled length between keyframes that are searched for far away [m]."""
 _FAR_BUNDLE = 4.0
@@ -51,8 +47,6 @@ _FAR_VOTES = ClosureVotesConfig(
     apart=1.0,
 )
 """A long bundle extends far beyond a target, so a small share of it may match; more bundles must agree."""
-
-_ROUGHLY = 0.05  # precision of the initial poses of the next search
 
 
 class LoopClosingConfig(FrozenConfig):
@@ -81,15 +75,10 @@ class LoopClosingConfig(FrozenConfig):
     max_violated: float = Field(0.2, ge=0, description="most hits in free space for each hit on surfaces")
     max_slide: float = Field(0.3, gt=0, description="largest distance of a fit from its initial pose [m]")
     votes: ClosureVotesConfig = ClosureVotesConfig()
+    graph: ClosureGraphConfig = ClosureGraphConfig()
     min_determined: float = Field(
         0.02, ge=0, description="least curvature of a determined direction relative to the other"
     )
-    position_deviation: float = Field(0.02, gt=0, description="accuracy of a closure at best [m]")
-    heading_deviation: float = Field(0.004, gt=0, description="accuracy of a closure at best [rad]")
-    max_contradiction: float = Field(
-        4.0, gt=0, description="deviations from the solution from which a closure is dropped"
-    )
-    robust_width: float = Field(2.0, gt=0, description="deviations from which a closure loses weight")
 
 
 class LoopCloser:
@@ -109,9 +98,9 @@ class LoopCloser:
         drive = _Drive(self._config, self._surfels, poses, scans, chain, progress or Progress())
         drive.search_forward()
         drive.tighten()
-        drive.drop_contradictions()
-        logger.info("%d closures between %d keyframes", len(drive.closures), len(poses))
-        return drive.poses, list(drive.closures.values())
+        drive.graph.drop_contradictions()
+        logger.info("%d closures between %d keyframes", len(drive.graph.closures), len(poses))
+        return drive.graph.poses, list(drive.graph.closures.values())
 
 
 class _Bundle(NamedTuple):
@@ -131,7 +120,7 @@ class _Election(NamedTuple):
 
 
 class _Drive:
-    """One drive being corrected; its closures are kept by keyframe and target."""
+    """The searches along one drive."""
 
     def __init__(
         self,
@@ -144,17 +133,14 @@ class _Drive:
     ) -> None:
         self.config = config
         self._progress = progress
-        self.poses = poses.copy()
-        self.closures: dict[tuple[int, int], MotionEdge] = {}
-        self._tracked = poses
+        self.graph = ClosureGraph(config.graph, poses, chain)
         self._loose = LooseSteps(poses, chain.covariances)
         # Longer than a submap, so that neither a submap nor a bundle extends over a loose step.
         self._hits = DriveHits(scans, poses, self._loose.ends(), 2.0 * config.submap.length)
         self._targets = ClosingTargets(self._hits, config.submap, surfels, config.min_gap, config.familiar)
-        self._new: list[PlacedBundle] = []  # not yet among the closures
         self._bundle: tuple[int, _Bundle | None] = -1, None
         self._chain = chain
-        drift = ChainDrift(poses, self._chain.covariances)
+        drift = ChainDrift(poses, chain.covariances)
         self._far = FarSearch(self._hits, self._targets, drift, config.max_shift, config.reach)
         self._near_election = self._election(config.votes, config.bundle, config.match_points)
         self._far_election = self._election(_FAR_VOTES, _FAR_BUNDLE, 2 * config.match_points)
@@ -162,7 +148,7 @@ class _Drive:
 
     def _election(self, config: ClosureVotesConfig, length: float, points: int) -> _Election:
         """Return an election without votes."""
-        test = DriftTest(self._chain, self._targets, self._hits, self.config.robust_width, length, points)
+        test = DriftTest(self._chain, self._targets, self._hits, self.config.graph.robust_width, length, points)
         return _Election(ClosureVotes(config, self._hits.travelled), test, (length, points))
 
     def search_forward(self) -> None:
@@ -172,15 +158,19 @@ class _Drive:
             self._targets.advance(keyframe)
             fits = self._found(keyframe)
             elected = [] if fits else self._found_far(keyframe)
-            self._new += (found := fits + elected)
-            self._targets.note(keyframe, [fit.target for fit in found if fit.keyframe == keyframe])
-            for fit in found:
-                self._loose.bridge(fit.keyframe, self._targets.stretch(fit.target)[1])
+            self._add(keyframe, fits + elected)
             if elected:
-                self._pull_together()
-            elif any(map(self._is_surprising, fits)):
-                self._optimise(_ROUGHLY)
-        self._optimise()
+                self.graph.pull_together()
+            elif any(self.graph.correction_m(fit) > self.config.surprise for fit in fits):
+                self.graph.optimise(ROUGHLY)
+        self.graph.optimise()
+
+    def _add(self, keyframe: int, found: list[PlacedBundle]) -> None:
+        """Add closures that were found at a keyframe."""
+        self.graph.add(found)
+        self._targets.note(keyframe, [fit.target for fit in found if fit.keyframe == keyframe])
+        for fit in found:
+            self._loose.bridge(fit.keyframe, self._targets.stretch(fit.target)[1])
 
     def tighten(self) -> None:
         """Register the keyframes near old submaps once more from the corrected poses.
@@ -189,68 +179,24 @@ class _Drive:
         """
         stops = self._stops().tolist()
         for keyframe in self._progress.each(stops, "tightening loops", len(stops), "places"):
-            near = self._targets.near(keyframe, self.poses, 0.5)
+            near = self._targets.near(keyframe, self.graph.poses, 0.5)
             for target in near.targets[: self.config.submaps_per_step].tolist():
-                known = self.closures.get((keyframe, target))
-                if known is not None and self._is_met(known):
+                if self.graph.has_met(keyframe, target):
                     continue
                 fit = self._fit(keyframe, target, 0.0, 0.0)
                 if fit is not None:
-                    self._new.append(fit)
-        self._optimise()
-
-    def drop_contradictions(self) -> None:
-        """Drop the closures that contradict the solution, and optimise again."""
-        agree = edge_errors(list(self.closures.values()), self.poses) <= self.config.max_contradiction
-        if not agree.all():
-            self.closures = dict(compress(self.closures.items(), agree))
-            self._optimise()
-
-    def _is_met(self, edge: MotionEdge) -> bool:
-        """Return whether the poses agree with a closure so well that a registration would find the same."""
-        error = edge.T_source_target.inverse() @ relative_pose(self.poses, edge.source, edge.target)
-        return math.hypot(error.x, error.y) < _SAME_PLACE and abs(error.theta) < _SAME_HEADING
-
-    def _is_surprising(self, found: PlacedBundle) -> bool:
-        """Return whether a keyframe is found so far from its pose that the next search needs the correction."""
-        error = found.pose.to(relative_pose(self.poses, found.anchor, found.keyframe))
-        return math.hypot(error.x, error.y) > self.config.surprise
+                    self.graph.add([fit])
+        self.graph.optimise()
 
     def _stops(self) -> IntArray:
         """Return the keyframes that are searched for."""
         _, first = np.unique((self._hits.travelled / self.config.step).astype(np.int64), return_index=True)
         return np.asarray(first, dtype=np.int64)
 
-    def _optimise(self, precision: float = 1e-4) -> None:
-        """Solve for the poses with closures; poses between two of them follow both."""
-        self._add_closures()
-        if self.closures:
-            closures = self.closures.values()
-            nodes = np.unique([0, *(end for edge in closures for end in (edge.source, edge.target))])
-            width, chain = self.config.robust_width, self._chain.between(nodes)
-            solved = optimise(self.poses, chain, closures, width, nodes, precision)
-            self.poses = spread_corrections(self._tracked, nodes, solved)
-
-    def _pull_together(self) -> None:
-        """Solve for the poses with new closures, whatever their distance.
-
-        A closure far from the poses has no weight in a robust graph. So new closures are trusted first, and weighted
-        like all others after the poses have moved.
-        """
-        new = [(found.keyframe, found.target) for found in self._new]
-        self._add_closures()
-        believed = [self.closures[key] for key in new]
-        nodes = np.unique([0, *(end for edge in self.closures.values() for end in (edge.source, edge.target))])
-        chain = EdgeArrays.joined([self._chain.between(nodes), EdgeArrays.of(believed)])
-        closures, width = self.closures.values(), self.config.robust_width
-        solved = optimise(self.poses, chain, closures, width, nodes, _ROUGHLY)
-        self.poses = spread_corrections(self._tracked, nodes, solved)
-        self._optimise(_ROUGHLY)
-
     def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
         """Return the targets that a keyframe may see, with the windows of the search [m], [rad] by the drift."""
         config = self.config
-        near, distances = self._targets.near(keyframe, self.poses, config.reach + config.max_shift)
+        near, distances = self._targets.near(keyframe, self.graph.poses, config.reach + config.max_shift)
         if not len(near):
             return []
         drifts, anchors = self._targets.path_lengths(keyframe)[near], self._targets.anchors(keyframe)
@@ -279,9 +225,11 @@ class _Drive:
         if not votes:
             return []
         election.votes.add(votes)
-        elected = election.votes.elected(self.poses)
-        closures = list(self.closures.values())
-        if not elected or not election.test.allows(elected, self._covariances(elected[-1:])[0], self.poses, closures):
+        elected = election.votes.elected(self.graph.poses)
+        if not elected:
+            return []
+        covariance, closures = self.graph.covariances(elected[-1:])[0], list(self.graph.closures.values())
+        if not election.test.allows(elected, covariance, self.graph.poses, closures):
             return []
         if any(not election.votes.outweighs(elected, rival) for rival in self._rivals(election, elected)):
             return []
@@ -295,8 +243,8 @@ class _Drive:
         """
         stops = sorted({vote.keyframe for vote in elected})
         bundles = {keyframe: self._hits.bundle(keyframe, *election.bundle) for keyframe in stops}
-        for correction in election.votes.rivals(elected, self.poses):
-            poses = self.poses.copy()
+        for correction in election.votes.rivals(elected, self.graph.poses):
+            poses = self.graph.poses.copy()
             poses[stops] = compose(correction[None], poses[stops])
             votes = []
             for keyframe in stops:
@@ -313,7 +261,7 @@ class _Drive:
         config, submap, bundle = self.config, self._targets.submap(target), self._bundle_of(keyframe)
         if bundle is None:
             return []
-        guess = relative_pose(self.poses, submap.anchor, keyframe)
+        guess = relative_pose(self.graph.poses, submap.anchor, keyframe)
         places = submap.places(bundle.points, guess, shift, turn, config.votes.places)
         votes = (self._vote(self._near_election.votes, keyframe, target, bundle.hits, place) for place in places)
         return [vote for vote in votes if vote is not None]
@@ -334,7 +282,7 @@ class _Drive:
         if stop == self._far_stop:
             return []
         self._far_stop = stop
-        possible = self._far.possible(keyframe, self.poses)
+        possible = self._far.possible(keyframe, self.graph.poses)
         if possible is None:
             return []
         bundle = self._hits.bundle(keyframe, *self._far_election.bundle)
@@ -342,7 +290,7 @@ class _Drive:
             return []
         points, votes = bundle.thinned(self.config.search_points).points, []
         few = self.config.search_points // 2
-        for target, rough in self._far.places(keyframe, self.poses, bundle, few, possible):
+        for target, rough in self._far.places(keyframe, self.graph.poses, bundle, few, possible):
             place = self._targets.submap(target).search(points, rough, 0.6, 0.06).pose
             vote = self._vote(self._far_election.votes, keyframe, target, bundle, place)
             if vote is not None:
@@ -354,7 +302,7 @@ class _Drive:
         config, submap, bundle = self.config, self._targets.submap(target), self._bundle_of(keyframe)
         if bundle is None:
             return None
-        guess = relative_pose(self.poses, submap.anchor, keyframe)
+        guess = relative_pose(self.graph.poses, submap.anchor, keyframe)
         if shift > 0.0:
             found = submap.search(bundle.points, guess, shift, turn)
             # Walls are drawn wider than a fit may miss them, so a fit matches hardly more than the search has found.
@@ -379,22 +327,3 @@ class _Drive:
                 bundle = _Bundle(hits, hits.thinned(config.search_points).points)
             self._bundle = keyframe, bundle
         return self._bundle[1]
-
-    def _add_closures(self) -> None:
-        """Add the new finds as closures."""
-        if not self._new:
-            return
-        informations = np.linalg.inv(self._covariances(self._new))
-        for found, information in zip(self._new, informations, strict=True):
-            edge = MotionEdge(found.anchor, found.keyframe, found.pose, information)
-            self.closures[found.keyframe, found.target] = edge
-        self._new = []
-
-    def _covariances(self, placed: list[PlacedBundle]) -> FloatArray:
-        """Return the covariances (N, 3, 3) of finds in the keyframes' frames: of fits, and of distorted submaps."""
-        config = self.config
-        floor = np.diag([config.position_deviation**2, config.position_deviation**2, config.heading_deviation**2])
-        curvatures = np.array([found.hessian for found in placed]) + np.eye(3) * 1e-3
-        rotations = np.array([SE2(0.0, 0.0, found.pose.theta).matrix() for found in placed])
-        covariances: FloatArray = np.swapaxes(rotations, 1, 2) @ (np.linalg.inv(curvatures) + floor) @ rotations
-        return covariances
