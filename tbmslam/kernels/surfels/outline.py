@@ -40,7 +40,7 @@ def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) ->
     for i in range(len(surfaces)):
         # A sum with a beam that hit nothing, or is unknown, is not below infinity.
         is_known = i + 2 < len(ranges) and ranges[i] + ranges[i + 1] + ranges[i + 2] < math.inf
-        is_straight = is_known and _are_straight(ends, i + 1)
+        is_straight = is_known and are_straight(ends, i + 1)
         if was_straight or is_straight:
             first, last = (i, i + 1) if step > 0.0 else (i + 1, i)
             surfaces[i, 0], surfaces[i, 1] = ends[first, 0], ends[first, 1]
@@ -50,8 +50,8 @@ def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) ->
 
 
 @kernel
-def _are_straight(ends: FloatArray, middle: int) -> bool:
-    """Return whether an end is near the line through its neighbours."""
+def are_straight(ends: FloatArray, middle: int) -> bool:
+    """Return whether an end of a beam is near the line through its neighbours; `ends` (N, 2) [m] in beam order."""
     x, y = ends[middle - 1, 0], ends[middle - 1, 1]
     along_x, along_y = ends[middle + 1, 0] - x, ends[middle + 1, 1] - y
     area = along_x * (ends[middle, 1] - y) - along_y * (ends[middle, 0] - x)

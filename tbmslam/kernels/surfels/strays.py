@@ -3,11 +3,13 @@
 import math
 
 from tbmslam.kernels import FloatArray, Pose, kernel
-from tbmslam.kernels.surfels.outline import Outline, share_on_outline
+from tbmslam.kernels.surfels.outline import Outline, are_straight, share_on_outline
 from tbmslam.kernels.surfels.surfels import SIDE, SurfelArrays, fit_surfel, layer_of, slot_of
 
 _MATCHING = 0.9
 """A hit that matches a surfel by a larger share is not compared with the outline, which takes longer."""
+_ROUNDING = 1e-9
+"""Distance of the laser from the line through a hit along a normal that points to it [m]."""
 
 
 @kernel
@@ -50,6 +52,26 @@ def count_strays(
             distance = fits[slot, 2] * dx * dx + 2.0 * fits[slot, 3] * dx * dy + fits[slot, 4] * dy * dy
             known = fits[slot, 5] * squared / (squared + distance)
         if known < _MATCHING:
+            nx, ny = _normal(points, normals, i)
+            normal_x, normal_y = cosine * nx - sine * ny, sine * nx + cosine * ny
             known = max(known, share_on_outline(outline, hit_x, hit_y, normal_x, normal_y))
         strays += counted * (1.0 - known)
     return strays
+
+
+@kernel
+def _normal(points: FloatArray, normals: FloatArray, hit: int) -> tuple[float, float]:
+    """Return the normal of a hit, also where its neighbours are far apart, as on walls along the beams.
+
+    There, `write_normals` writes the direction to the laser. The hit lies on a surface if it is on a line with its
+    neighbours, as for the surfaces of an outline.
+    """
+    x, y, normal_x, normal_y = points[hit, 0], points[hit, 1], normals[hit, 0], normals[hit, 1]
+    is_estimated = abs(x * normal_y - y * normal_x) > _ROUNDING
+    if is_estimated or not 0 < hit < len(points) - 1 or not are_straight(points, hit):
+        return normal_x, normal_y
+    normal_x, normal_y = points[hit - 1, 1] - points[hit + 1, 1], points[hit + 1, 0] - points[hit - 1, 0]
+    length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
+    if normal_x * x + normal_y * y > 0.0:
+        length = -length
+    return normal_x / length, normal_y / length

@@ -43,7 +43,9 @@ def is_allowed(office, poses, deviation, error):
         elected.append(PlacedBundle(stop, 0, submap.anchor, place, np.eye(3), 0.5, fit.violated))
     information = np.diag(np.array([deviation, deviation, deviation / 3]) ** -2.0)
     chain = [MotionEdge(k, k + 1, relative_pose(poses, k, k + 1), information) for k in range(len(poses) - 1)]
-    test = DriftTest(MotionChain.of(chain), targets, hits, CONFIG.graph.robust_width, CONFIG.bundle, CONFIG.match_points)
+    test = DriftTest(
+        MotionChain.of(chain), targets, hits, CONFIG.graph.robust_width, CONFIG.bundle, CONFIG.match_points
+    )
     return test.allows(elected, PRECISE, poses, [])
 
 

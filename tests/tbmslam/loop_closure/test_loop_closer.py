@@ -4,8 +4,8 @@ import pytest
 from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
 from tbmslam.geometry.se2 import SE2, compose, inverse
-from tbmslam.loop_closure.far_search import PlaceIndex
 from tbmslam.loop_closure.closure_graph import ClosureGraphConfig
+from tbmslam.loop_closure.far_search import PlaceIndex
 from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig
 from tbmslam.loop_closure.sequence_consistency import ClosureVotes, ClosureVotesConfig
 from tbmslam.optimisation.pose_graph import MotionChain, MotionEdge, edge_errors, relative_pose
@@ -56,7 +56,9 @@ def test_a_drive_that_never_comes_back_stays_as_it_is():
 def test_closures_that_the_rest_contradicts_are_dropped(drive_in):
     true, tracked, scans, chain = drifting(drive_in("office", None, seed=1), 0.001)
     kept, strict = (
-        LoopCloser(LoopClosingConfig(graph=ClosureGraphConfig(max_contradiction=most)), SurfelConfig()).close(tracked, scans, chain)
+        LoopCloser(LoopClosingConfig(graph=ClosureGraphConfig(max_contradiction=most)), SurfelConfig()).close(
+            tracked, scans, chain
+        )
         for most in (1e9, 0.25)
     )
     assert 20 < len(strict[1]) < len(kept[1])

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from tbmslam.kernels.rays.hits import hits_of_scan
 from tbmslam.kernels.surfels.outline import outline_of
 from tbmslam.kernels.surfels.strays import count_strays
 from tbmslam.kernels.surfels.surfel_alignment import pair_up
@@ -61,3 +62,23 @@ def test_hits_between_those_of_the_last_keyframe_are_known(surfels):
     assert strays((0.0, 0.0, 0.0)) < 0.01
     assert strays((0.1, 0.0, 0.0)) == pytest.approx(0.5 * everything, rel=0.1)
     assert strays((0.5, 0.0, 0.0)) > 0.9 * everything
+
+
+def test_hits_far_along_a_corridor_lie_on_its_walls(surfels):
+    """Their neighbours are so far apart that `write_normals` does not know their normals."""
+    step = np.deg2rad(1.0)
+    ranges = np.minimum(1.0 / np.maximum(np.abs(np.sin(step * np.arange(-30.0, 31.0))), 1e-9), 40.0)
+    outline = outline_of(ranges, -30.0 * step, step, (0.0, 0.0, 0.0)), -30.0 * step, step, (0.0, 0.0, 0.0)
+    nowhere = (*surfels[:1], *(np.zeros_like(array) for array in surfels[1:3]), *surfels[3:])
+
+    def strays(distance, pose):
+        points, normals = hits_of_scan(distance, -30.0 * step, step, (0.0, 0.0, 0.0), 39.0)
+        far = np.hypot(*points.T) > 5.0
+        assert far.sum() > 15
+        return count_strays(nowhere, points[far], normals[far], pose, 0.5, 4.0, outline)
+
+    assert strays(ranges, (0.3, 0.0, 0.0)) < 4.0  # the farthest are beyond the end of the outline
+    assert strays(ranges, (0.3, 0.0, 0.5)) > 15.0
+    # Hits on no line are objects, wherever they are.
+    clutter = ranges * np.where(np.arange(61) % 2, 1.0, 0.7)
+    assert strays(clutter, (0.0, 0.0, 0.0)) > 15.0
