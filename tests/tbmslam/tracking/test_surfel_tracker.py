@@ -3,9 +3,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.tracking import surfel_tracker
+from tbmslam.tracking.odometry_noise import FREEDOM
 from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tracking.tracker import Coasting, PosePrior
 
@@ -215,3 +218,19 @@ def test_some_hits_of_a_scan_fit_by_chance_within_a_loose_prior(tracker):
     assert loose.information is None
     assert loose.is_lost
     assert loose.T_map_sensor == SE2.identity()
+
+
+@pytest.mark.parametrize(("known", "overrules"), [(0.6, True), (0.17, False)])
+def test_a_lost_scan_does_not_overrule_odometry(tracker, known, overrules):
+    """A new place of which a small part fits somewhere else, while the odometry is suspected."""
+    elsewhere, scan = SE2(0.3, -0.2, 0.5), room_scan(SE2(0.3, -0.2, 0.5), 1.0)
+    other = replace(scan, ranges=np.where(np.arange(BEAMS) % 60 < 60 * known, scan.ranges, 1.7 * scan.ranges))
+    tracker._fault.probability = 0.9
+    match = tracker.match(other, prior_at(SE2.identity()), SE2.identity())
+    assert match.is_lost != overrules
+    np.testing.assert_allclose(match.T_map_sensor, elsewhere if overrules else SE2.identity(), atol=0.02)
+
+
+def test_surprising_priors_are_rare():
+    """Of a prior with Student's t distribution the squared distance follows Fisher's F distribution."""
+    assert stats.f.sf(surfel_tracker._SURPRISING / 3.0, 3, FREEDOM) == pytest.approx(0.005, rel=0.01)
