@@ -274,7 +274,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
             logger.warning("%s and %s hold the same scans, %d of %d keyframes: %s", first, second, shared, of, counts)
         result = merge(maps, config, options.workers, progress, options.scheduler)
         _save(options, result, maps, config, RunInfo(command, progress.seconds))
-    _tell(result, options.out)
+    _tell(result, config, next(iter(maps)), options.out)
     return DONE if result.merged is not None else NOTHING_MERGED
 
 
@@ -328,12 +328,13 @@ def _save(
     write_checksums(options.out)
 
 
-def _tell(result: "Merge", out: Path) -> None:
+def _tell(result: "Merge", config: "MergeConfig", first: str, out: Path) -> None:
     for (target, source), found in result.alignments.items():
         print(f"{source} in {target}: {'accepted' if found.accepted else 'refused'}: {found.reason}")
     for name, reason in result.left_out.items():
         print(f"left out: {name}: {reason}")
-    if result.left_out:
+    placed = {first, *config.known_poses} if config.known_poses else set()
+    if result.left_out.keys() - placed:
         print("if the pose of a map is known, pass --pose NAME X Y DEG, in the first map's frame")
     if result.merged is None:
         print(f"nothing merged; the reasons are in {out / 'report.html'}")
