@@ -123,9 +123,9 @@ def _run(args: argparse.Namespace) -> None:
     )
     check_exist(given)
     with loading():
-        from tools.evaluation import map_scores, trajectory_scores
+        from tools.scores import evaluate_map, evaluate_trajectory
 
-    scores = trajectory_scores.evaluate_trajectory if args.command == "trajectory" else map_scores.evaluate_map
+    scores = evaluate_trajectory if args.command == "trajectory" else evaluate_map
     _print_report(scores(args), as_json=args.json)
 
 
