@@ -17,8 +17,8 @@ from datasets.odometry.se3 import SE3
 from datasets.rosbag.messages import standard_types
 from datasets.rosbag.source import BagSource
 from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_occupancy, occupancy_of
-from tbmslam.belief.grid_resampling import canvas_of, resample
 from tbmslam.io.atomic_file import replacing
+from tbmslam.io.ros_map import grid_at
 from tbmslam.map.map_check import MapFileError, check_geometry
 
 Format = Literal["ros1", "mcap"]
@@ -133,7 +133,4 @@ def _grid(path: Path, message: Any) -> TbmGrid:
     if len(cells) != geometry.rows * geometry.cols:
         raise MapFileError(f"{path}: {len(cells)} cells are not {geometry.rows} x {geometry.cols}: record it again")
     masses = masses_from_occupancy(np.clip(cells, -1, 100).reshape(geometry.rows, geometry.cols))
-    if corner.theta == 0.0:
-        return TbmGrid(geometry, masses)
-    flat = TbmGrid(geometry._replace(origin_x=0.0, origin_y=0.0), masses)
-    return resample(flat, corner, canvas_of(flat.geometry, corner))
+    return grid_at(path, resolution, corner, masses)
