@@ -239,8 +239,7 @@ def _fuse_rows(
     return fused
 
 
-_LEAST = 0.1
-"""Least conflict of a cell in a `ConflictPlace`; blurred walls cause a little conflict everywhere."""
+_LEAST = 0.1  # least conflict of a cell in a `ConflictPlace`; blurred walls cause a little conflict everywhere
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ logger = logging.getLogger(__name__)
 
 _SHIFTS, _TURNS = 5, 9
 """Numbers of initial positions along each axis and of initial rotations, within the largest error of the pose."""
-_LEAST_PROBABILITY = 1e-300
-"""Least probability of a pose."""
+_LEAST_PROBABILITY = 1e-300  # least probability of a pose
 
 
 class KnownPoseError(TbmSlamError):

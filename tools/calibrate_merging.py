@@ -38,8 +38,7 @@ SIMULATED = 0.3
 
 STRANGERS_SEED = 1
 """Seed of `benchmark strangers` that the fit uses, and that cannot test the model."""
-_CHUNK = 24
-"""Number of strangers that a process takes at a time; many of them share a building."""
+_CHUNK = 24  # number of strangers that a process takes at a time; many of them share a building
 
 
 def main(argv: list[str] | None = None) -> int:

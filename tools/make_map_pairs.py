@@ -32,8 +32,7 @@ KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_pla
 PERCENT = (100, 75, 50, 35, 25, 15)
 _AREA, _SIZE, _PERCENT = number_within(float, 1, 1e5), number_within(float, 1e-6), number_within(int, 1, 100)
 _SEED, _PARTS = number_within(int, 0), number_within(int, 0, 1000)
-_MOST_BEND_M = 2.0
-"""Largest deformation over 20 m [m]; beyond it the inverse is not exact to a cell."""
+_MOST_BEND_M = 2.0  # largest deformation over 20 m [m]; beyond it the inverse is not exact to a cell
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -36,8 +36,7 @@ from tools.command_line.paths import holds_map
 
 logger = logging.getLogger(__name__)
 
-_MOST_TURN = math.radians(20.0)
-"""Largest rotation of a map relative to the stated pose for --align."""
+_MOST_TURN = math.radians(20.0)  # largest rotation of a map relative to the stated pose for --align
 
 
 def evaluate_trajectory(args: argparse.Namespace) -> dict[str, object]:

@@ -26,8 +26,7 @@ Format = Literal["ros1", "mcap"]
 TOPIC, FRAME = "/map", "map"
 _TYPE = "nav_msgs/msg/OccupancyGrid"
 
-_FOREVER = QosTime(9223372036, 854775807)
-"""An unlimited time in ROS 2 (`RMW_DURATION_INFINITE`)."""
+_FOREVER = QosTime(9223372036, 854775807)  # an unlimited time in ROS 2 (`RMW_DURATION_INFINITE`)
 _LATCHED = Qos(
     history=QosHistory.KEEP_LAST,
     depth=1,

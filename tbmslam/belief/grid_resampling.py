@@ -18,8 +18,7 @@ from tbmslam.belief.tiled_masses import SIDE, TiledMasses, vacuous_masses
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.grids import resampling as kernels
 
-_BLOCK = 8 * SIDE
-"""Side of the blocks of the target for which tiles are put together to an array."""
+_BLOCK = 8 * SIDE  # side of the blocks of the target for which tiles are put together to an array
 
 
 @dataclass(frozen=True)

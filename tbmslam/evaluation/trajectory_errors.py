@@ -181,15 +181,12 @@ class ErrorStatistics:
         )
 
 
-_LEAST_M = 0.02
-"""Least error that is explained; smaller errors are noise [m]."""
+_LEAST_M = 0.02  # least error that is explained; smaller errors are noise [m]
 _SHARE = 0.5
 """Largest ratio of the remaining RMS error if a constant explains three quarters of the squared error."""
-_FARTHEST_S = 5.0
-"""Largest offset of the clocks; beyond it hardly any stamps match [s]."""
+_FARTHEST_S = 5.0  # largest offset of the clocks; beyond it hardly any stamps match [s]
 _STEP_S = 0.05
-_LEAST_S = 0.02
-"""Least offset that is reported; delays of recorders are some hundredths of a second [s]."""
+_LEAST_S = 0.02  # least offset that is reported; delays of recorders are some hundredths of a second [s]
 
 
 def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float) -> str | None:

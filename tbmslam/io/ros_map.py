@@ -139,8 +139,7 @@ def _image_path(path: Path, name: object) -> Path:
 
 FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL = 254, 205, 0
 _OF_SAVERS = (FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL, 255)
-_MENDED = 0.01
-"""Largest share of other greys in a map saver's picture, as from a brush."""
+_MENDED = 0.01  # largest share of other greys in a map saver's picture, as from a brush
 
 
 def write_ros_map(stem: str | os.PathLike[str], grid: TbmGrid) -> None:

@@ -109,8 +109,7 @@ class MapConfig(FrozenConfig):
 
 
 _SCANS_AT_ONCE = 1000
-_BEAMS_KEPT = 2_000_000
-"""Number of beams whose ends are stored until they are counted; they take 34 MB."""
+_BEAMS_KEPT = 2_000_000  # number of beams whose ends are stored until they are counted; they take 34 MB
 _LARGE_BYTES = 1 << 28
 _STRIP_BYTES = 1 << 27
 """Counts of more than 268 MB, for 34 million cells, are taken in strips of 134 MB. Scans at the edges of strips are

@@ -37,8 +37,7 @@ class PoseSolver:
         return conjugate_gradients(self._system, self.factors, self._coarse, gradient, self._precision, _MOST_STEPS)
 
 
-_APART = 8
-"""Poses between knots: fewer knots need more iterations, and more knots cost more each."""
+_APART = 8  # poses between knots: fewer knots need more iterations, and more knots cost more each
 _MOST_KNOTS = 250
 
 

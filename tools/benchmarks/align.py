@@ -205,8 +205,7 @@ def _median(values: Sequence[float]) -> float | None:
     return statistics.median(values) if values else None
 
 
-_WITHIN_M = 3.0
-"""Largest distance of robots that meet [m]."""
+_WITHIN_M = 3.0  # largest distance of robots that meet [m]
 
 
 def encounters_of(pair: KnownPair) -> list[Encounter]:

@@ -39,8 +39,7 @@ Simulated maps of buildings, all merged at once. groups: groups of two maps or m
 a pair is right if the pose of the second map is within 0.5 m and 4 degrees of the truth. placed: maps in the largest
 group of their building. CPU s: of all processes of this machine; peak MB: of the merging process."""
 
-_SEEDS_APART = 100_000
-"""Difference between the building numbers of consecutive seeds."""
+_SEEDS_APART = 100_000  # difference between the building numbers of consecutive seeds
 
 
 @dataclass(frozen=True)
@@ -161,14 +160,11 @@ def _row(run: FleetRun) -> list[str]:
     ]
 
 
-_FINER = 2
-"""Factor of oversampling."""
-_HEIGHT, _MARGIN = 672, 24
-"""Height of both pictures, and the margin around them [pixels]."""
+_FINER = 2  # factor of oversampling
+_HEIGHT, _MARGIN = 672, 24  # height of both pictures, and the margin around them [pixels]
 _RING, _NODE = 0.32, 0.045
 """Radius of the ring of a group's maps, and of a map's dot, in sides of the group's square."""
-_SURE = (0.3, 0.7)
-"""Probabilities of occupied that are drawn white and black."""
+_SURE = (0.3, 0.7)  # probabilities of occupied that are drawn white and black
 _WHITE, _FAINT, _ALONE, _UNSEEN = (255, 255, 255), (232, 232, 232), (150, 150, 150), 226
 _COLOURS = (
     (178, 114, 0),

@@ -43,8 +43,7 @@ _R = TypeVar("_R")
 
 _PAPER_RESOLUTION = 0.1
 _WARM_UP_M2 = 300.0
-_CANVAS_SHARE = 0.42
-"""Approximate area of the floor as a share of the canvas of two rotated maps."""
+_CANVAS_SHARE = 0.42  # approximate area of the floor as a share of the canvas of two rotated maps
 _TRIES, _NEAR_ENOUGH = 4, 0.1
 """Number of attempts to make a floor whose canvas has the requested area, and the relative tolerance."""
 _OVERLAP = 0.5

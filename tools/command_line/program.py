@@ -83,8 +83,7 @@ def one_line(error: Exception) -> str:
 
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
-_NO_ROOM = "failed to map segment"
-"""The system's message if memory is too small to load a library."""
+_NO_ROOM = "failed to map segment"  # the system's message if memory is too small to load a library
 
 
 def run_program(

@@ -79,8 +79,7 @@ def _map_elsewhere(task: MappingTask) -> Mapped:
     return Mapped(made.run, made.summary, made.seconds)
 
 
-_MERGE_REPORT = "report.json"
-"""File that marks the folder of a merged map."""
+_MERGE_REPORT = "report.json"  # file that marks the folder of a merged map
 
 
 def build_maps(args: argparse.Namespace, config: Configuration, command: str) -> None:
@@ -190,8 +189,7 @@ def _refuse_stale_robots(out: Path, names: Sequence[str]) -> None:
         raise OutputError(f"{out} holds {shown} of another run: remove it or choose another folder with -o")
 
 
-_WHOLE = "whole recording, for truth.json"
-"""Name of the reference in the list of warnings."""
+_WHOLE = "whole recording, for truth.json"  # name of the reference in the list of warnings
 
 
 class _Reference(NamedTuple):

@@ -16,10 +16,8 @@ from tools.paper.experiments import PaperResults, PaperSettings
 
 COLOURS = {"a": "#0072B2", "b": "#D55E00", "c": "#009E73", "d": "#CC79A7", "e": "#7A7A7A"}
 _PAPER_PAIRS = 10
-_LITTLE_KNOWN = 217
-"""Grey value [of 255] of cells with more than 85 % of their mass on unknown."""
-_MARGIN = 10
-"""Cells around the known ones in a picture."""
+_LITTLE_KNOWN = 217  # grey value [of 255] of cells with more than 85 % of their mass on unknown
+_MARGIN = 10  # cells around the known ones in a picture
 
 Curve = dict[float, tuple[float, float]]
 """Mean and half of its interval by keypoints or ratio."""

@@ -22,10 +22,8 @@ Occupancy = npt.NDArray[np.int8]
 OVERLAPS = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
 """Overlaps to draw from, as shares of the smaller map's free cells that both maps know."""
 
-_STRAIGHT_M = 0.1
-"""Deformation beyond which the relative pose is fitted in the overlap of two maps [m]."""
-_COARSE = 4
-"""Side of the blocks in which distances through a building are measured [cells]."""
+_STRAIGHT_M = 0.1  # deformation beyond which the relative pose is fitted in the overlap of two maps [m]
+_COARSE = 4  # side of the blocks in which distances through a building are measured [cells]
 
 
 @dataclass(frozen=True)

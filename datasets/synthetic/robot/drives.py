@@ -179,8 +179,7 @@ AVERAGE_SPEED = 0.67
 """Mean speed of a drive as a share of the largest speed; turns and doors cost time."""
 
 
-_MOST_ROBOTS = 1000
-"""Limit of memory: all robots are simulated before the first is written."""
+_MOST_ROBOTS = 1000  # limit of memory: all robots are simulated before the first is written
 
 COST_PER_METRE = 1.2
 """Approximate cost of a metre in a road map."""
