@@ -8,11 +8,6 @@ measures the errors of recordings with small changes. `strangers` counts false m
 `limits` maps a recording of 24 hours and a building of 1 km2.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("benchmark")
-
 import argparse
 import re
 import sys

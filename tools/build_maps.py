@@ -4,11 +4,6 @@ A recording may be split into segments that stand for several robots. Each robot
 its own frame.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("build_maps")
-
 import argparse
 import os
 import sys

@@ -4,11 +4,6 @@ The weights of the evidence are fitted on all given pairs. The model is evaluate
 with its parts and its mirror image, is left out of the fit once.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("calibrate_merging")
-
 import argparse
 import sys
 from itertools import islice

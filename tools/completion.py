@@ -1,10 +1,5 @@
 """Print a script that completes the commands and options of `tbmslam` in a shell."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("completion")
-
 import argparse
 import importlib
 import sys

@@ -3,11 +3,6 @@
 The name of the output chooses the format. Beliefs survive in map folders, .npz and .tif; other formats hold less.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("convert")
-
 import argparse
 import sys
 from pathlib import Path

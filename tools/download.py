@@ -3,11 +3,6 @@
 An interrupted download is continued. A complete file is checked, and not downloaded again.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("download")
-
 import argparse
 import shlex
 import sys

@@ -3,11 +3,6 @@
 Edits are kept as a list, edits.toml beside the map, and can be applied again when the map is built again.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("edit")
-
 import argparse
 import sys
 from collections.abc import Sequence

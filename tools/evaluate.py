@@ -4,11 +4,6 @@ A trajectory in TUM format is compared with a true trajectory (ATE, RPE after a 
 relations of the public SLAM benchmark. A map is compared with another map or a simulated world, cell by cell.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("evaluate")
-
 import argparse
 import json
 import sys

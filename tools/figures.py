@@ -6,11 +6,6 @@ columns where none is named), and one cell between `<!-- figure: FILE/TABLE/ROW/
 where ROW is the first cell of its row.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("figures")
-
 import argparse
 import json
 import re

@@ -1,10 +1,5 @@
 """Write pairs of partial maps of simulated or real buildings with their true relative pose, and pairs of two places."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("make_map_pairs")
-
 import argparse
 import math
 import re

@@ -4,11 +4,6 @@ The output folder receives robot_0.bag, robot_1.bag, ... (or folders robot_0, ..
 trajectories robot_0.truth.tum, ..., truth.json, the building world.npz, and a picture of everything, world.png.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("make_world")
-
 import argparse
 import math
 import sys

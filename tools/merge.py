@@ -1,10 +1,5 @@
 """Merge maps with unknown relative poses into one map."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("merge")
-
 import argparse
 import logging
 import math

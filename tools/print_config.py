@@ -1,10 +1,5 @@
 """Print all parameters with meaning, unit and value as TOML for --config."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("print_config")
-
 import argparse
 import sys
 from collections.abc import Sequence

@@ -5,11 +5,6 @@ Transferable Belief Model", SEIM 2021, with the paper's values beside the measur
 report.html, figures.json, and the recordings and maps unless they are given.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("reproduce_paper")
-
 import argparse
 import sys
 from importlib import resources

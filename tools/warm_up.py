@@ -1,10 +1,5 @@
 """Compile all functions of mapping and merging, so that later runs start at once."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("warm_up")
-
 import argparse
 import contextlib
 import io
