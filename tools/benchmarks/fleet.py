@@ -30,10 +30,6 @@ from tools.command_line.measurement_record import describe_machine, finish
 from tools.command_line.text_table import ResultTable, number, text_table
 from tools.map_pairs.placed_maps import joined_pairs, known_pair, maps_by_name, shuffled
 
-HEAD = (
-    *("buildings", "maps", "pairs", "aligned", "groups", "joined rightly %", "joined wrongly", "placed %"),
-    *("CPU s", "wall s", "peak MB"),
-)
 NOTES = """\
 Simulated maps of buildings, all merged at once. groups: groups of two maps or more. joined: pairs of maps in one group;
 a pair is right if the pose of the second map is within 0.5 m and 4 degrees of the truth. placed: maps in the largest
@@ -73,7 +69,7 @@ def benchmark_fleet(args: argparse.Namespace) -> None:
         in_fresh_process(run_fleet, size[0], size[1], args.seed, args.workers, args.scheduler, plot)
         for size, plot in zip(args.sizes, plots, strict=False)
     ]
-    table = ResultTable(HEAD, [_row(run) for run in runs])
+    table = ResultTable.of([_row(run) for run in runs])
     print(text_table(*table))
     print(NOTES)
     finish(args, machine, {"fleets": table}, {"fleets": runs})
@@ -144,20 +140,20 @@ def _cpu_s() -> float:
     return sum(os.times()[:4])
 
 
-def _row(run: FleetRun) -> list[str]:
-    return [
-        str(run.buildings),
-        str(run.maps),
-        str(run.maps * (run.maps - 1) // 2),
-        str(run.aligned),
-        str(run.groups),
-        number(100.0 * run.right / run.possible, 1) if run.possible else "-",
-        str(run.wrong),
-        number(100.0 * run.placed / run.maps, 1) if run.possible else "-",
-        number(run.cpu_s, 0),
-        number(run.wall_s, 0),
-        number(run.peak_memory_mb, 0),
-    ]
+def _row(run: FleetRun) -> dict[str, str]:
+    return {
+        "buildings": str(run.buildings),
+        "maps": str(run.maps),
+        "pairs": str(run.maps * (run.maps - 1) // 2),
+        "aligned": str(run.aligned),
+        "groups": str(run.groups),
+        "joined rightly %": number(100.0 * run.right / run.possible, 1) if run.possible else "-",
+        "joined wrongly": str(run.wrong),
+        "placed %": number(100.0 * run.placed / run.maps, 1) if run.possible else "-",
+        "CPU s": number(run.cpu_s, 0),
+        "wall s": number(run.wall_s, 0),
+        "peak MB": number(run.peak_memory_mb, 0),
+    }
 
 
 _FINER = 2  # factor of oversampling

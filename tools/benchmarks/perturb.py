@@ -53,8 +53,6 @@ def _without_warnings() -> Iterator[None]:
         logging.disable(logging.NOTSET)
 
 
-OVERVIEW_HEAD = ("recording", "error m", "perturbed runs", "misses", "lost or failed", "worst ratio")
-
 NOTES = """\
 mean error m, deg: of the scored relations. unscored: relations with a scan that is not in the map. left out: relations
 with a scan that the perturbation removed; they are not counted. ratio: the error in metres divided by the error of the
@@ -113,7 +111,7 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
     print(NOTES)
     every = [score for entry in record for score in entry["scores"]]
     print(summary(every))
-    overview = ResultTable(OVERVIEW_HEAD, [_overview(entry["recording"], entry["scores"]) for entry in record])
+    overview = ResultTable.of([_overview(entry["recording"], entry["scores"]) for entry in record])
     finish(args, describe_machine(), {"overview": overview, **tables}, {"recordings": record})
 
 
@@ -163,24 +161,32 @@ def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | Meas
     return [score(row, errors, unperturbed) for row, errors in zip(chosen, answers, strict=True)]
 
 
-def _overview(name: str, scores: Sequence[Score]) -> list[str]:
+def _overview(name: str, scores: Sequence[Score]) -> dict[str, str]:
     """Return the row of a recording: its unperturbed error, and the numbers of misses."""
     worst = max((row.ratio for row in scores[1:] if row.ratio is not None), default=None)
-    return [name, number(scores[0].error_m, 4), *map(str, _counts(scores)), number(worst, 2)]
+    perturbed, misses, lost = _counts(scores)
+    return {
+        "recording": name,
+        "error m": number(scores[0].error_m, 4),
+        "perturbed runs": str(perturbed),
+        "misses": str(misses),
+        "lost or failed": str(lost),
+        "worst ratio": number(worst, 2),
+    }
 
 
 def _table(scores: Sequence[Score], measure: str) -> ResultTable:
-    head = ("perturbation", measure, "mean error deg", "unscored", "left out", "ratio", "verdict")
-    rows = [
+    return ResultTable.of(
         [
-            row.perturbation,
-            number(row.error_m, 4),
-            number(row.error_deg, 3),
-            str(row.unscored),
-            str(row.left_out),
-            number(row.ratio, 2),
-            row.verdict,
+            {
+                "perturbation": row.perturbation,
+                measure: number(row.error_m, 4),
+                "mean error deg": number(row.error_deg, 3),
+                "unscored": str(row.unscored),
+                "left out": str(row.left_out),
+                "ratio": number(row.ratio, 2),
+                "verdict": row.verdict,
+            }
+            for row in scores
         ]
-        for row in scores
-    ]
-    return ResultTable(head, rows)
+    )
