@@ -13,8 +13,7 @@ from merging.config import Coverage, Rule
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import PlacedGrid, corners_of
 from tbmslam.belief.masses import Masses
-from tbmslam.belief.sparse_zeros import sparse_zeros
-from tbmslam.belief.tiled_masses import SIDE, TiledMasses
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses, sparse_zeros
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.grids import fusion

@@ -23,7 +23,7 @@ from tbmslam.kernels.adjustment.wall_pieces import StretchHits, gather_hits
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, WallLines, stretch_begins
-from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of
+from tbmslam.optimisation.pose_graph import PoseSolver, coarse_space_of
 
 logger = logging.getLogger(__name__)
 

@@ -11,8 +11,7 @@ from pydantic import Field, model_validator
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import Masses
-from tbmslam.belief.sparse_zeros import sparse_zeros
-from tbmslam.belief.tiled_masses import SIDE, TiledMasses
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses, sparse_zeros
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray, IntArray
 from tbmslam.kernels.rays.counting import MOST_SCANS, Counts, beam_ends, count_scans, counted_tiles, write_tiles

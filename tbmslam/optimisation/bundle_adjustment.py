@@ -31,8 +31,7 @@ from tbmslam.kernels.adjustment.wall_pieces import (
 )
 from tbmslam.map.drive import spread_corrections
 from tbmslam.map.scan_hits import ScanHits
-from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge, PoseSolver, coarse_space_of, motions_of
 
 logger = logging.getLogger(__name__)
 

@@ -11,8 +11,7 @@ import numpy as np
 from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse, wrap_angles
 from tbmslam.kernels.adjustment.motion_systems import Motions, motion_equations
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem
-from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge, PoseSolver, coarse_space_of, motions_of
 
 _GAUGE = 1e12  # information that fixes the first pose to a micrometre and a microradian [1/m^2, 1/rad^2]
 _MOST_STEPS = 30  # largest number of steps; real drives take up to five

@@ -6,9 +6,8 @@ import tomlkit
 
 from datasets import RecordingOptions
 from merging.config import MergeConfig
-from tbmslam.configuration.parameters import changed, fields_of, is_table
+from tbmslam.configuration.parameters import changed, descriptions_of, fields_of, is_table
 from tbmslam.configuration.slam_config import ConfigError, preset
-from tbmslam.configuration.toml_text import descriptions_of
 from tbmslam.geometry.se2 import SE2
 from tools import print_config
 from tools.command_line.configuration import Configuration, mapping_text, merging_text, read_configuration, whole_text
