@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from tools.command_line.configuration import Configuration
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py recording.bag --robots 3 --overlap 0.3 -o out/building
+  tbmslam map recording.bag --robots 3 --overlap 0.3 -o out/building
       split one drive into three robots that share 30 percent of their path
-  python tools/%(prog)s.py monday.bag tuesday.bag --separate --profile stata -o out/stata
+  tbmslam map monday.bag tuesday.bag --separate --profile stata -o out/stata
       a robot for each bag, with the topics and frames of the MIT Stata Center recordings
-  python tools/%(prog)s.py recordings/ --separate --workers 8 --config mine.toml -o out/all
+  tbmslam map recordings/ --separate --workers 8 --config mine.toml -o out/all
       every recording of a directory, eight at a time, with changed parameters; a second run continues the first
 
 exit codes: 0 done, 1 error, described in one line (finished robots are kept), 2 wrong usage, 130 interrupted

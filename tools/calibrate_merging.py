@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from tools.calibration.trial import Trial
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py pairs/ new-pairs/ -o merging/confidence_model.json
+  python tools/calibrate_merging.py pairs/ new-pairs/ -o merging/confidence_model.json
       fit on folders of pairs that tools/make_map_pairs.py wrote
-  python tools/%(prog)s.py pairs/ --plot calibration.png
+  python tools/calibrate_merging.py pairs/ --plot calibration.png
       only evaluate the model; a picture of the calibration is written
 """
 WHOLE = 3.0

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from tbmslam.map.tbm_map import TbmMap
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py out/one/run map.yaml
+  tbmslam convert out/one/run map.yaml
       for ROS map_server and nav2: map.yaml and map.pgm
-  python tools/%(prog)s.py plan.png out/plan --resolution 0.05 --origin -10 -5
+  tbmslam convert plan.png out/plan --resolution 0.05 --origin -10 -5
       a floor plan as a map folder: white is free, black occupied, grey 205 unknown
-  python tools/%(prog)s.py out/one/run graph.g2o
+  tbmslam convert out/one/run graph.g2o
       keyframes, measured motions and loop closures, for g2o and GTSAM
 
 formats:

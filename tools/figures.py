@@ -25,11 +25,11 @@ from tools.command_line.program import ProgramParser, run_program
 ROOT = Path(__file__).resolve().parents[1]
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py fill
+  python tools/figures.py fill
       write the tables of docs/figures into README and docs
-  python tools/%(prog)s.py measure slam split --data ../shared/data
+  python tools/figures.py measure slam split --data ../shared/data
       measure two of them again, then fill the pages
-  python tools/%(prog)s.py list
+  python tools/figures.py list
       names, commands and commits of all figures
 """
 

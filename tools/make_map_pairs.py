@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from datasets.synthetic.map_pairs.pairs import Building
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py -o pairs --seeds 0 1 2
+  python tools/make_map_pairs.py -o pairs --seeds 0 1 2
       every kind of building with three seeds: six overlaps, two far ends, other buildings, a mirrored building
-  python tools/%(prog)s.py -o new-pairs --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/mit-csail --parts 3
+  python tools/make_map_pairs.py -o new-pairs --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/mit-csail --parts 3
       parts of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
-  python tools/%(prog)s.py -o bent --seeds 0 1 2 --bend 0.3 --overlap 100 50
+  python tools/make_map_pairs.py -o bent --seeds 0 1 2 --bend 0.3 --overlap 100 50
       maps of different years: each is distorted by 0.3 m, and all movable objects are moved
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from tbmslam.io.pictures import Picture
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py --world office --seed 1 --robots 3 --odometry good -o out/office
+  tbmslam world --world office --seed 1 --robots 3 --odometry good -o out/office
       three robots in an office; together they see all of it, and neighbours share 30 percent of their paths
-  python tools/%(prog)s.py --world corridor --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
+  tbmslam world --world corridor --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
       60 m of a featureless corridor as a ROS 2 bag, with an old laser and poor odometry
 """
 

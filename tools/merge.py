@@ -35,13 +35,13 @@ FARTHEST_POSE = 10_000.0
 DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py out/robot_0 out/robot_1 -o merged
+  tbmslam merge out/robot_0 out/robot_1 -o merged
       merge the maps of two robots into merged/map.npz, map.yaml, pictures and a report
-  python tools/%(prog)s.py out/week -o merged --workers 8
+  tbmslam merge out/week -o merged --workers 8
       all maps in a folder that `tbmslam map` wrote, eight pairs at a time
-  python tools/%(prog)s.py hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
+  tbmslam merge hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
       maps of any program; keep only cells that all robots saw, and fuse them conjunctively
-  python tools/%(prog)s.py plan.yaml out/robot_0 out/robot_1 -o merged --pose robot_0 12.5 -3 90
+  tbmslam merge plan.yaml out/robot_0 out/robot_1 -o merged --pose robot_0 12.5 -3 90
       the pose of robot_0 in the plan's frame is about 12.5 m, -3 m and 90 degrees
 
 exit codes: 0 merged, 1 error, described in one line, 2 wrong usage, 3 no two maps could be merged (see the

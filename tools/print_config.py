@@ -9,9 +9,9 @@ from tools.command_line.paths import check_exist
 from tools.command_line.program import ProgramParser, run_program
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py > mine.toml
+  tbmslam config > mine.toml
       the defaults, to be edited and given to `tbmslam map` or `merge` with --config mine.toml
-  python tools/%(prog)s.py --config out/robot_0
+  tbmslam config --config out/robot_0
       the parameters of an earlier result
 """
 

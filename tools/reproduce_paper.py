@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from tools.paper.experiments import PaperResults, PaperSettings
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py -o out/paper
+  python tools/reproduce_paper.py -o out/paper
       five simulated drives through one office, mapped as the paper's were: ten pairs
-  python tools/%(prog)s.py run.bag --robots 5 --overlap 0.8 -o out/paper-run
+  python tools/reproduce_paper.py run.bag --robots 5 --overlap 0.8 -o out/paper-run
       a recording, cut into five robots; the reference is the map of the whole recording by the default SLAM
-  python tools/%(prog)s.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
+  python tools/reproduce_paper.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
       existing maps (a folder that `tbmslam map` wrote, with its truth.json)
 """
 

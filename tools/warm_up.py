@@ -12,9 +12,9 @@ from pathlib import Path
 from tools.command_line.program import DONE, ProgramParser, run_program
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py
+  tbmslam warm-up
       a minute or two on a new machine, seconds where all is compiled
-  python tools/%(prog)s.py --debug
+  tbmslam warm-up --debug
       with a traceback, should something fail
 """
 _DRIVE_M = "30"

@@ -96,13 +96,13 @@ def load_world(path: Path) -> World:
     file = path / "world.npz" if path.is_dir() else path
     try:
         if why := why_unreadable(file):
-            raise WorldError(f"{file} {why}; make a world with tools/make_world.py")
+            raise WorldError(f"{file} {why}; make a world with `tbmslam world`")
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             walls = np.asarray(arrays["walls"], dtype=np.float64)
             places = np.asarray(arrays["places"], dtype=np.float64)
             return World(str(arrays["name"]), int(arrays["seed"]), walls, places)
     except (OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise WorldError(f"{file} is not a world: {error}; make one with tools/make_world.py") from error
+        raise WorldError(f"{file} is not a world: {error}; make one with `tbmslam world`") from error
 
 
 def _covering(bounds: tuple[float, float, float, float], cells: GridGeometry, margin: float) -> GridGeometry:
