@@ -19,7 +19,6 @@ from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement,
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_errors import (
     ErrorStatistics,
-    absolute_errors,
     align_trajectories,
     relative_errors,
     systematic_error,
@@ -55,11 +54,11 @@ def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, 
     tolerance = 0.01 if args.max_stamp_difference is None else args.max_stamp_difference
     if (why := systematic_error(truth, estimate, tolerance)) is not None:
         logger.warning("%s: %s", args.truth, why)
-    absolute = absolute_errors(truth, estimate, tolerance)
+    absolute = align_trajectories(truth, estimate, tolerance)
     step_m = args.step_m or (None if args.step_s else 1.0)
     relative = relative_errors(truth, estimate, distance=step_m, seconds=args.step_s, max_stamp_difference=tolerance)
     if args.picture:
-        beneath = _backdrop(args.map, absolute.T_truth_estimate) if args.map else None
+        beneath = _backdrop(args.map, absolute.T_reference_estimate) if args.map else None
         picture = draw_trajectory_errors(absolute.points, absolute.errors_m, beneath)
         write_bytes(args.picture, encode_png(picture))
     return {
@@ -68,7 +67,7 @@ def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, 
         "frame": reference.frame,
         "poses": len(estimate),
         "unmatched": absolute.unmatched,
-        "T_truth_estimate": _pose_figures(absolute.T_truth_estimate),
+        "T_truth_estimate": _pose_figures(absolute.T_reference_estimate),
         "ate_m": _statistics(absolute.errors_m),
         "rpe": {
             "step": f"{step_m:g} m" if step_m else f"{args.step_s:g} s",
