@@ -178,7 +178,6 @@ def _append(chunk: bytes, stream: BinaryIO) -> None:
 
 
 def _check_existing(target: Path, sha256: str | None) -> None:
-    """Check an existing file."""
     note = _digest_file(target)
     expected = sha256 or (note.read_text(encoding="utf-8").partition(" ")[0] if note.is_file() else None)
     if expected is None:

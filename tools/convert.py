@@ -69,7 +69,6 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> "TbmMap":
-    """Return a map of any format."""
     from tbmslam.io.map_folder import load_map
     from tbmslam.map.tbm_map import TbmMap
 

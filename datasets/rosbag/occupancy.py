@@ -10,7 +10,6 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
-from rosbags.typesys import Stores, get_typestore
 
 from datasets.errors import DatasetError
 from datasets.odometry.se3 import SE3
@@ -56,7 +55,7 @@ def write_occupancy_bag(path: str | os.PathLike[str], grid: TbmGrid, stamp: floa
 
 def _write(place: Path, grid: TbmGrid, nanoseconds: int, kind: Format) -> Path:
     """Write the bag and return the file."""
-    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+    store = standard_types(kind == "ros1")
     message = _message(store, grid, nanoseconds, {"seq": 0} if kind == "ros1" else {})
     if kind == "ros1":
         with Rosbag1Writer(place) as writer:
@@ -119,7 +118,6 @@ def read_occupancy_bag(path: Path) -> TbmGrid:
 
 
 def _grid(path: Path, message: Any) -> TbmGrid:
-    """Return the grid of an OccupancyGrid."""
     info, cells = message.info, np.asarray(message.data, dtype=np.int8)
     place, turn = info.origin.position, info.origin.orientation
     origin = SE3.from_values(place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)

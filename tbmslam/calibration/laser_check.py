@@ -198,7 +198,6 @@ def _summed(values: FloatArray, owners: IntArray, count: int) -> FloatArray:
 
 
 def _hits_of(hits: ScanHits, scans: IntArray) -> ScanHits:
-    """Return the hits of some scans."""
     own = np.concatenate([np.arange(*hits.offsets[k : k + 2]) for k in scans])
     offsets = np.concatenate(([0], np.cumsum(np.diff(hits.offsets)[scans])))
     return ScanHits(hits.points[own], hits.normals[own], offsets)
