@@ -20,8 +20,8 @@ from tools.make_world import WORLDS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from merging.experiments.map_pair import MapPair
     from tools.paper.experiments import PaperResults, PaperSettings
+    from tools.paper.map_pair import MapPair
 
 EXAMPLES = """examples:
   python tools/reproduce_paper.py -o out/paper
@@ -153,10 +153,10 @@ def _report(
     settings: "PaperSettings",
     results: "PaperResults",
 ) -> str:
-    from merging.experiments.map_pair import SHARE
     from tbmslam.report.page import Table, render
     from tools.command_line.measurement_record import describe_machine
     from tools.paper.figures import pictures_of
+    from tools.paper.map_pair import SHARE
     from tools.paper.tables import values_of
 
     made = "recordings that were given" if args.recordings else f"simulated drives through one building ({args.world})"

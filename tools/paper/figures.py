@@ -5,14 +5,14 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from merging.experiments.detectors import AS_PROGRAMMED, AS_WRITTEN, MODIFICATIONS, Setting, Study
-from merging.experiments.map_pair import MapPair
-from merging.experiments.published import LEVEL, TABLE_2, half_interval, half_width
 from merging.registration.features import Channels, Image
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.io.pictures import encode_png
 from tbmslam.report.page import Picture
+from tools.paper.detectors import AS_PROGRAMMED, AS_WRITTEN, MODIFICATIONS, Setting, Study
 from tools.paper.experiments import PaperResults, PaperSettings
+from tools.paper.map_pair import MapPair
+from tools.paper.published import LEVEL, TABLE_2, half_interval, half_width
 
 COLOURS = {"a": "#0072B2", "b": "#D55E00", "c": "#009E73", "d": "#CC79A7", "e": "#7A7A7A"}
 _PAPER_PAIRS = 10

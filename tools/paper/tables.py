@@ -5,9 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from merging.experiments.detectors import AS_PROGRAMMED, AS_WRITTEN, DETECTORS, MODIFICATIONS, Setting, Study, Variant
-from merging.experiments.map_pair import MapPair
-from merging.experiments.published import (
+from tbmslam.geometry.se2 import FloatArray
+from tbmslam.report.page import Table
+from tools.paper.detectors import AS_PROGRAMMED, AS_WRITTEN, DETECTORS, MODIFICATIONS, Setting, Study, Variant
+from tools.paper.experiments import PaperResults, PaperSettings
+from tools.paper.map_pair import MapPair
+from tools.paper.published import (
     LEVEL,
     TABLE_1,
     TABLE_2,
@@ -17,9 +20,6 @@ from merging.experiments.published import (
     indistinguishable_from_best,
     paired_p_value,
 )
-from tbmslam.geometry.se2 import FloatArray
-from tbmslam.report.page import Table
-from tools.paper.experiments import PaperResults, PaperSettings
 
 _NO_VALUE = "–"
 _ABSENT = ("SURF", "BRIEF")

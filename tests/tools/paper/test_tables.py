@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from merging.experiments.detectors import AS_PROGRAMMED, AS_WRITTEN, MODIFICATIONS, Setting, Study
+from tools.paper.detectors import AS_PROGRAMMED, AS_WRITTEN, MODIFICATIONS, Setting, Study
 from tools.paper.tables import conclusions
 
 

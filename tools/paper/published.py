@@ -21,7 +21,7 @@ class PublishedRow(NamedTuple):
     best: str
 
 
-_PUBLISHED = json.loads(resources.files("merging").joinpath("experiments/published.json").read_text(encoding="utf-8"))
+_PUBLISHED = json.loads(resources.files(__package__).joinpath("published.json").read_text(encoding="utf-8"))
 TABLE_1: Mapping[str, tuple[float, ...]] = {name: tuple(shares) for name, shares in _PUBLISHED["table_1"].items()}
 """Share of right matches in seven pairs, by detector."""
 TABLE_2: Mapping[tuple[int, float], PublishedRow] = {

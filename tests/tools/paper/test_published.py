@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from merging.experiments.published import (
+from tools.paper.published import (
     TABLE_1,
     TABLE_2,
     TABLE_3,
