@@ -1,7 +1,7 @@
 """The layout of a wheel: everything is under tbmslam and merging.
 
 `datasets` and `tools` are names that other projects install too. In a wheel they are `tbmslam.datasets` and
-`tbmslam.tools`; the imports of them, and the commands that help texts show, are written accordingly while it is built.
+`tbmslam.tools`; the imports of them are written accordingly while it is built.
 The source tree and an editable install keep the short names.
 """
 
@@ -27,14 +27,13 @@ class CustomBuildHook(BuildHookInterface[Any]):
             return
         root, staging = Path(self.root), Path(tempfile.mkdtemp())
         self._staging = staging
-        commands = {program: f"tbmslam {command}" for command, program in programs_of(root).items()}
         for package, home in HOMES.items():
             for source in sorted((root / package).rglob("*")):
                 if source.is_file() and "__pycache__" not in source.parts:
                     target = staging / home / source.relative_to(root / package)
                     target.parent.mkdir(parents=True, exist_ok=True)
                     if source.suffix == ".py":
-                        target.write_text(for_wheel(source, commands), encoding="utf-8")
+                        target.write_text(for_wheel(source), encoding="utf-8")
                     else:
                         shutil.copyfile(source, target)
         for package in sorted({home.partition("/")[0] for home in HOMES.values()}):
@@ -47,8 +46,8 @@ class CustomBuildHook(BuildHookInterface[Any]):
             shutil.rmtree(self._staging)
 
 
-def for_wheel(source: Path, commands: dict[str, str]) -> str:
-    """Return a module as it is in a wheel, with the names of installed commands instead of programs."""
+def for_wheel(source: Path) -> str:
+    """Return a module as it is in a wheel."""
     text = source.read_text(encoding="utf-8")
     lines = text.splitlines(keepends=True)
     for node in ast.walk(ast.parse(text)):
@@ -61,16 +60,4 @@ def for_wheel(source: Path, commands: dict[str, str]) -> str:
             lines[node.lineno - 1] = line[: node.col_offset] + re.sub(
                 r"^from (\w+)", r"from tbmslam.\1", line[node.col_offset :]
             )
-    text = "".join(lines).replace("python tools/%(prog)s.py", "%(prog)s")
-    for program, command in commands.items():
-        text = text.replace(f"python tools/{program}.py", command)
-    return text
-
-
-def programs_of(root: Path) -> dict[str, str]:
-    """Return the programs that `tbmslam` runs, by their commands."""
-    tree = ast.parse((root / "tbmslam" / "commands.py").read_text(encoding="utf-8"))
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PROGRAMS":
-            return {command: program for command, (program, _) in ast.literal_eval(node.value).items()}
-    raise ValueError("tbmslam/commands.py has no PROGRAMS")
+    return "".join(lines)

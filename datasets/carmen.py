@@ -109,7 +109,6 @@ def _kind(paths: list[Path], survey: _LogSurvey, options: RecordingOptions) -> s
 
 
 def _settings(survey: _LogSurvey, kind: str) -> LogSettings:
-    """Return the settings of the whole log."""
     range_max = next((survey.parameters[n] for n in _RANGE_PARAMS if n in survey.parameters), LogSettings().range_max)
     settings = LogSettings(survey.parameters.get(_OFFSET_PARAM, 0.0), range_max)
     lines = survey.samples[kind]
@@ -205,7 +204,6 @@ def _readings(
 
 
 def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> Reading:
-    """Return the reading of one line."""
     scan = turned_over(scan) if options.upside_down else scan
     odometry = None
     if options.odometry != "none" and logged.T_odom_robot is not None:

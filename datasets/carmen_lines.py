@@ -144,7 +144,6 @@ def _fan(number: int) -> tuple[float, float]:
 
 
 def _ranges(words: list[str]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Read ranges."""
     return np.array([float(word) for word in words])
 
 

@@ -101,8 +101,7 @@ _WALL_DEPTH = 0.15
 """Points of one direction within this distance behind the nearest [m] lie on the same wall: ranges are noisy."""
 _WIDEST_GAP, _BESIDE = 2.0, 0.6
 """Largest gap between points of one wall, and largest distance of a point from its beam, in beams: directions vary."""
-_NEAREST, _FARTHEST = 0.1, 300.0
-"""Limits of a range [m]; a cloud states none."""
+_NEAREST, _FARTHEST = 0.1, 300.0  # limits of a range [m]; a cloud states none
 
 
 @dataclass(frozen=True)
@@ -198,20 +197,16 @@ def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatA
 
 _HALF_HEIGHT = 0.25
 """Default extent of the slice above and below the sensor [m]; it contains two to four of 16 rings."""
-_FLOOR = 0.1
-"""Height above the robot's frame below which points count as floor if no heights are stated [m]."""
+_FLOOR = 0.1  # height above the robot's frame below which points count as floor if no heights are stated [m]
 _FEWEST_DIRECTIONS = 0.05
 """Share of the directions in which a slice must hold points; a camera covers an eighth of a turn."""
-_STEPS_DEG = (0.2, 0.25, 0.4, 0.5, 1.0)
-"""Possible angles between beams [degrees]: those of spinning lidars."""
+_STEPS_DEG = (0.2, 0.25, 0.4, 0.5, 1.0)  # possible angles between beams [degrees]: those of spinning lidars
 _FILLED = 0.9
 """Share of the directions with points, in steps of a degree, that must also hold points in the chosen steps."""
 _STEADY = 0.8
 """Share of the points whose times must fit a steady rotation, within the larger of the next two tolerances."""
-_LATE_S, _LATE_TURN = 1e-3, 0.02
-"""Tolerances: a time [s], and a share of a turn."""
-_LEAST_TURN, _MOST_TURN = math.pi / 2.0, 2.2 * math.pi
-"""Rotation of the sensor during one cloud [rad]."""
+_LATE_S, _LATE_TURN = 1e-3, 0.02  # tolerances: a time [s], and a share of a turn
+_LEAST_TURN, _MOST_TURN = math.pi / 2.0, 2.2 * math.pi  # rotation of the sensor during one cloud [rad]
 
 
 def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: bool | None) -> SE3:

@@ -4,7 +4,7 @@ import difflib
 import functools
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -178,7 +178,6 @@ def _append(chunk: bytes, stream: BinaryIO) -> None:
 
 
 def _check_existing(target: Path, sha256: str | None) -> None:
-    """Check an existing file."""
     note = _digest_file(target)
     expected = sha256 or (note.read_text(encoding="utf-8").partition(" ")[0] if note.is_file() else None)
     if expected is None:
@@ -211,14 +210,14 @@ class KnownRecording:
     """Licence, citation, and the page that states them."""
     options: str
     """Options that build_maps needs to read it."""
-    truth: str
-    """Address of its ground truth, if that is not among its files."""
     about: str
-    megabytes: float | None
+    truth: str = ""
+    """Address of its ground truth, if that is not among its files."""
+    megabytes: float | None = None
     """Reported size [MB]; None if unknown."""
-    sha256: Mapping[str, str]
+    sha256: Mapping[str, str] = field(default_factory=dict)
     """Digests by file name, where they are known."""
-    reached: bool
+    reached: bool = False
     """Whether an address was reached when this list was made."""
 
 
@@ -230,19 +229,9 @@ def known_recordings() -> Mapping[str, KnownRecording]:
     for collection, common in listed.items():
         for key, recording in common["recordings"].items():
             name = f"{collection}/{key}"
-            found[name] = KnownRecording(
-                name=name,
-                addresses=tuple(common["address"] + file for file in recording["files"]),
-                license=common["license"],
-                citation=common["citation"],
-                page=common["page"],
-                options=common["options"],
-                truth=common.get("truth", ""),
-                about=recording["about"],
-                megabytes=recording.get("megabytes"),
-                sha256=recording.get("sha256", {}),
-                reached=recording.get("reached", False),
-            )
+            addresses = tuple(common["address"] + file for file in recording.pop("files"))
+            facts = {key: common[key] for key in common.keys() - {"address", "recordings"}} | recording
+            found[name] = KnownRecording(name, addresses, **facts)
     return found
 
 

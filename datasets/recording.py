@@ -95,8 +95,7 @@ _DROPPED = {
     "other_frame": "from another laser on the same topic",
 }
 _SCANS, _ARE = ("scan", "scans"), ("scan is", "scans are")
-_MANY = 0.01
-"""Least share of all beams that causes a warning."""
+_MANY = 0.01  # least share of all beams that causes a warning
 
 
 def recording_warnings(recording: Recording, span: Span | None = None) -> list[str]:

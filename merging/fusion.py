@@ -11,12 +11,11 @@ from scipy import ndimage
 
 from merging.config import Coverage, Rule
 from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.belief.grid_resampling import PlacedGrid
+from tbmslam.belief.grid_resampling import PlacedGrid, corners_of
 from tbmslam.belief.masses import Masses
-from tbmslam.belief.sparse_zeros import sparse_zeros
-from tbmslam.belief.tiled_masses import SIDE, TiledMasses
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses, sparse_zeros
 from tbmslam.errors import TbmSlamError
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2
 from tbmslam.kernels.grids import fusion
 from tbmslam.kernels.grids.fusion import add_layer, finish
 from tbmslam.map.map_check import LARGEST_CELL, MAX_CELLS, SMALLEST_CELL
@@ -57,12 +56,6 @@ def at_resolution(grid: TbmGrid, resolution: float) -> TbmGrid:
     if math.isclose(resolution, known.geometry.resolution, rel_tol=1e-6):
         return known
     return warp(known, SE2.identity(), known.geometry._replace(resolution=resolution))
-
-
-def corners_of(source: GridGeometry, T_target_source: SE2) -> FloatArray:
-    """Return the corners (4, 2) of a source grid in the frame it is placed in [m]."""
-    left, bottom, right, top = source.bounds()
-    return T_target_source.apply([(left, bottom), (right, bottom), (right, top), (left, top)])
 
 
 def window_over(source: GridGeometry, T_target_source: SE2, lattice: GridGeometry) -> GridGeometry:
@@ -245,8 +238,7 @@ def _fuse_rows(
     return fused
 
 
-_LEAST = 0.1
-"""Least conflict of a cell in a `ConflictPlace`; blurred walls cause a little conflict everywhere."""
+_LEAST = 0.1  # least conflict of a cell in a `ConflictPlace`; blurred walls cause a little conflict everywhere
 
 
 @dataclass(frozen=True)

@@ -78,12 +78,12 @@ def check_maps(maps: Mapping[str, TbmMap]) -> None:
         raise ValueError(f"maps must be two or more, got {len(maps)}")
 
 
-def surest_pair(alignments: Mapping[Pair, Alignment]) -> list[str]:
-    """Return the reason of the surest alignment in a line, since it tells most where nothing was merged."""
+def most_confident_pair(alignments: Mapping[Pair, Alignment]) -> list[str]:
+    """Return the reason of the most confident alignment in a line, which says most where nothing was merged."""
     if not alignments:
         return []
-    target, source = surest = max(alignments, key=lambda pair: alignments[pair].confidence)
-    return [f"  surest pair, {source} in {target}: {alignments[surest].reason}"]
+    target, source = best = max(alignments, key=lambda pair: alignments[pair].confidence)
+    return [f"  most confident pair, {source} in {target}: {alignments[best].reason}"]
 
 
 def why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
@@ -91,10 +91,8 @@ def why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:
     accepted = {other: found for other, found in _partners(name, alignments).items() if found.accepted}
     if not accepted:
         return "no other map could be aligned with it"
-    surest = max(accepted, key=lambda other: accepted[other].confidence)
-    return (
-        f"its accepted alignments contradict each other; the most confident, with {surest}: {accepted[surest].reason}"
-    )
+    best = max(accepted, key=lambda other: accepted[other].confidence)
+    return f"its accepted alignments contradict each other; the most confident, with {best}: {accepted[best].reason}"
 
 
 def why_left_out(name: str, group: Group, alignments: Mapping[Pair, Alignment]) -> str:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from merging.config import MergeConfig
-from merging.fusion import CellSizeError, Fusion, corners_of, fuse, place
+from merging.fusion import CellSizeError, Fusion, fuse, place
 from merging.joint_slam import JointRefinement, redraw, refine_jointly, rendered_alike
 from merging.map_graph.grouping import Group
 from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.belief.grid_resampling import PlacedGrid
+from tbmslam.belief.grid_resampling import PlacedGrid, corners_of
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.drive import DriveLinks
 from tbmslam.map.map_check import MAX_CELLS

@@ -11,7 +11,7 @@ from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.joint_slam import JointRefinement
 from merging.map_graph.grouping import Group, groups_of
-from merging.merge_state import MergeState, check_maps, surest_pair, why_alone, why_left_out
+from merging.merge_state import MergeState, check_maps, most_confident_pair, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.search import NonrigidRegistration, align_deformable, register_pairs
@@ -54,8 +54,8 @@ class Merge:
         """Return which maps were merged, and why the others were not, one line each."""
         count = len(self.poses) + len(self.left_out)
         merged = f"merged {', '.join(self.poses)}" if self.poses else "merged none"
-        left_out, surest = [f"  {n}: {why}" for n, why in self.left_out.items()], surest_pair(self.alignments)
-        return "\n".join([f"Merge of {count} maps: {merged}", *left_out, *([] if self.poses else surest)])
+        left_out, best = [f"  {n}: {why}" for n, why in self.left_out.items()], most_confident_pair(self.alignments)
+        return "\n".join([f"Merge of {count} maps: {merged}", *left_out, *([] if self.poses else best)])
 
     def _repr_png_(self) -> bytes | None:
         """Return the picture that a notebook shows: the merged map, if there is one."""

@@ -8,7 +8,8 @@ from merging.config import MergeConfig
 from merging.config.registration import VerificationConfig
 from merging.fusion import at_resolution
 from merging.walls import BoolArray, WallMap
-from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid_resampling import corners_of
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.grids.walls import FACING
 from tbmslam.report.sheet import Levels, Palette
@@ -26,73 +27,61 @@ _PIXELS_ALONG = 520
 _MARGIN_M = 0.5
 
 
-@dataclass(frozen=True)
-class _Canvas:
-    """Pixels over a rectangle; row 0 has the smallest y."""
+def _canvas_over(points: FloatArray, least_step: float) -> GridGeometry:
+    """Return the pixels of a picture of points (N, 2) [m] with a margin."""
+    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+    step = max(float((high - low).max()) / _PIXELS_ALONG, least_step)
+    cols, rows = np.ceil((high - low) / step).astype(int).tolist()
+    return GridGeometry(step, float(low[0]), float(low[1]), rows, cols)
 
-    left: float
-    bottom: float
-    step: float
-    rows: int
-    cols: int
 
-    @classmethod
-    def over(cls, points: FloatArray, least_step: float) -> "_Canvas":
-        low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-        step = max(float((high - low).max()) / _PIXELS_ALONG, least_step)
-        cols, rows = np.ceil((high - low) / step).astype(int)
-        return cls(float(low[0]), float(low[1]), step, int(rows), int(cols))
+def _pixels_of(canvas: GridGeometry) -> FloatArray:
+    """Return the centres (rows * cols, 2) of all pixels."""
+    return canvas.centres_of(*np.divmod(np.arange(canvas.rows * canvas.cols), canvas.cols))
 
-    def centres(self) -> FloatArray:
-        """Return the centres (rows * cols, 2) of all pixels."""
-        x = self.left + (np.arange(self.cols) + 0.5) * self.step
-        y = self.bottom + (np.arange(self.rows) + 0.5) * self.step
-        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
-    def draw(self, picture: Levels, points: FloatArray, level: int) -> None:
-        """Paint the pixels that hold points."""
-        cols, rows = ((points - (self.left, self.bottom)) / self.step).astype(int).T
-        picture[rows, cols] = level
+def _paint(picture: Levels, canvas: GridGeometry, points: FloatArray, level: int) -> None:
+    """Paint the pixels that hold points (N, 2)."""
+    rows, cols, _ = canvas.cells_at(points)
+    picture[rows, cols] = level
 
 
 def draw_pair(target: WallMap, source: WallMap, T_target_source: SE2, config: VerificationConfig) -> bytes:
     """Return a PNG of the target's walls and the transformed walls of the source."""
     moved = T_target_source.apply(source.points)
-    canvas = _Canvas.over(
+    canvas = _canvas_over(
         np.vstack((_corners(target, SE2.identity()), _corners(source, T_target_source))),
         max(target.geometry.resolution, source.geometry.resolution),
     )
-    centres = canvas.centres()
+    centres = _pixels_of(canvas)
     known = _is_known(target, centres).astype(int) + _is_known(source, T_target_source.inverse().apply(centres))
     picture = np.choose(known, (_NEITHER, _ONE, _BOTH)).astype(np.uint8).reshape(canvas.rows, canvas.cols)
     forth = _compared(source, target, T_target_source, config)
     back = _compared(target, source, T_target_source.inverse(), config)
-    canvas.draw(picture, target.points, _TARGET)
-    canvas.draw(picture, moved, _SOURCE)
+    _paint(picture, canvas, target.points, _TARGET)
+    _paint(picture, canvas, moved, _SOURCE)
     for which, level in ((0, _AGREED), (1, _CONTRADICTED)):
-        canvas.draw(picture, target.points[back[which]], level)
-        canvas.draw(picture, moved[forth[which]], level)
+        _paint(picture, canvas, target.points[back[which]], level)
+        _paint(picture, canvas, moved[forth[which]], level)
     return _PALETTE.png(np.ascontiguousarray(picture[::-1]))
 
 
 def draw_alone(structure: WallMap) -> bytes:
     """Return a PNG of the walls of one map."""
-    canvas = _Canvas.over(_corners(structure, SE2.identity()), structure.geometry.resolution)
-    known = _is_known(structure, canvas.centres())
+    canvas = _canvas_over(_corners(structure, SE2.identity()), structure.geometry.resolution)
+    known = _is_known(structure, _pixels_of(canvas))
     picture = np.where(known, np.uint8(_ONE), np.uint8(_NEITHER)).reshape(canvas.rows, canvas.cols)
-    canvas.draw(picture, structure.points, _TARGET)
+    _paint(picture, canvas, structure.points, _TARGET)
     return _PALETTE.png(np.ascontiguousarray(picture[::-1]))
 
 
 def _corners(structure: WallMap, T_canvas_map: SE2) -> FloatArray:
     """Return the corners (4, 2) of the known area of a map."""
-    g = structure.geometry
     rows, cols = (np.flatnonzero(structure.states.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         rows = cols = np.zeros(1, dtype=int)
-    x = g.origin_x + np.array([cols[0], cols[-1] + 1]) * g.resolution
-    y = g.origin_y + np.array([rows[0], rows[-1] + 1]) * g.resolution
-    return T_canvas_map.apply([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
+    known = structure.geometry.part(int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1)
+    return corners_of(known, T_canvas_map)
 
 
 def _is_known(structure: WallMap, points: FloatArray) -> BoolArray:

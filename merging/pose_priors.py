@@ -15,13 +15,13 @@ import numpy as np
 from merging.alignment import Alignment, Pair, covariance_of, format_evidence
 from merging.config import MergeConfig
 from merging.config.registration import KnownPoseConfig
-from merging.fusion import corners_of
 from merging.pairwise import PreparedMaps
 from merging.registration.correlation import Candidate, best_of, find_candidates
 from merging.rigid_alignment import PreparedMap
 from merging.scoring import confidences, find_decoys
 from merging.verification import Evidence, examine
 from merging.walls import WallMap, without_walls
+from tbmslam.belief.grid_resampling import corners_of
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.map.map_check import MAX_CELLS
@@ -31,8 +31,7 @@ logger = logging.getLogger(__name__)
 
 _SHIFTS, _TURNS = 5, 9
 """Numbers of initial positions along each axis and of initial rotations, within the largest error of the pose."""
-_LEAST_PROBABILITY = 1e-300
-"""Least probability of a pose."""
+_LEAST_PROBABILITY = 1e-300  # least probability of a pose
 
 
 class KnownPoseError(TbmSlamError):

@@ -8,11 +8,6 @@ measures the errors of recordings with small changes. `strangers` counts false m
 `limits` maps a recording of 24 hours and a building of 1 km2.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("benchmark")
-
 import argparse
 import re
 import sys
@@ -25,26 +20,26 @@ from tools import benchmarks
 from tools.build_maps import MOST_ROBOTS
 from tools.command_line.options import comma_separated, number_within
 from tools.command_line.paths import check_exist, path_argument
-from tools.command_line.program import ProgramParser, examples, run_program
+from tools.command_line.program import ProgramParser, run_program
 from tools.merge import METHODS
 
 PAIR_METHODS = (*METHODS, "howard")
 """Howard's method needs encounters of the robots, so `merge` does not offer it."""
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset all
+  tbmslam benchmark slam intel.bag,angle_step_deg=1.0 mit-csail.bag --preset all
       two recordings, one with an option of `tbmslam map`; errors against .relations or .truth.tum beside them
-  python tools/%(prog)s.py slam --world office:1:good --world office:1:poor,beams=361 --repeat 3 --json figures.json
+  tbmslam benchmark slam --world office:1:good --world office:1:poor,beams=361 --repeat 3 --json figures.json
       simulated drives (kind:seed:odometry and options of `tbmslam world`), medians of three runs
-  python tools/%(prog)s.py slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
+  tbmslam benchmark slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
       a drive through each of ten buildings, and the worst of them
-  python tools/%(prog)s.py align map-pairs/ --details --plot calibration.png
+  tbmslam benchmark align map-pairs/ --details --plot calibration.png
       every .npz pair of a folder (docs/confidence.md), with a line for each wrong pair
-  python tools/%(prog)s.py align map-pairs/ --method all
+  tbmslam benchmark align map-pairs/ --method all
       all methods in one table, with those of the related work
-  python tools/%(prog)s.py split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
+  tbmslam benchmark split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
       each recording cut into robots, mapped, merged, and compared with the whole recording
-  python tools/%(prog)s.py perturb mit-csail.bag --jobs 2 --without blocked_beams.enabled=false
+  tbmslam benchmark perturb mit-csail.bag --jobs 2 --without blocked_beams.enabled=false
       a recording with changed angles, odometry, scans and laser mounts, and with a changed parameter
 """
 
@@ -69,7 +64,7 @@ def parser(program: str = "benchmark") -> argparse.ArgumentParser:
         ("strangers", "how often maps of different places are merged", _add_strangers, "strangers.benchmark_strangers"),
         ("limits", "memory for a day of recording and for 1 km2 of building", _add_limits, "scaling.benchmark_limits"),
     ):
-        command = commands.add_parser(name, help=about, epilog=examples(EXAMPLES, program))
+        command = commands.add_parser(name, help=about, epilog=EXAMPLES)
         command.set_defaults(function=function)
         add(command)
         command.add_argument("--json", type=path_argument, metavar="FILE", help="write all figures here too")

@@ -4,11 +4,6 @@ A recording may be split into segments that stand for several robots. Each robot
 its own frame.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("build_maps")
-
 import argparse
 import os
 import sys
@@ -30,11 +25,11 @@ if TYPE_CHECKING:
     from tools.command_line.configuration import Configuration
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py recording.bag --robots 3 --overlap 0.3 -o out/building
+  tbmslam map recording.bag --robots 3 --overlap 0.3 -o out/building
       split one drive into three robots that share 30 percent of their path
-  python tools/%(prog)s.py monday.bag tuesday.bag --separate --profile stata -o out/stata
+  tbmslam map monday.bag tuesday.bag --separate --profile stata -o out/stata
       a robot for each bag, with the topics and frames of the MIT Stata Center recordings
-  python tools/%(prog)s.py recordings/ --separate --workers 8 --config mine.toml -o out/all
+  tbmslam map recordings/ --separate --workers 8 --config mine.toml -o out/all
       every recording of a directory, eight at a time, with changed parameters; a second run continues the first
 
 exit codes: 0 done, 1 error, described in one line (finished robots are kept), 2 wrong usage, 130 interrupted
@@ -123,20 +118,15 @@ def main(argv: list[str] | None = None, program: str = "build_maps") -> int:
 def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[str] | None, program: str) -> None:
     check_exist([*args.recordings, args.config, *(args.reference or ())])
     with loading():
-        from tools.command_line.configuration import whole_text
         from tools.command_line.program import typed_command
         from tools.mapping.run import build_maps
 
     _check_recording_options(grammar, args)
-    config = _configuration(args)
-    if args.print_config:
-        print(whole_text(config), end="")
-    else:
-        build_maps(args, config, typed_command(program, argv))
+    build_maps(args, _configuration(args), typed_command(program, argv))
 
 
 def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
-    if not args.recordings and not args.print_config:
+    if not args.recordings:
         grammar.error("the following arguments are required: RECORDING: give a bag, a log or a directory of them")
     # The number of recordings in a directory is not known yet. (os.path does not fail if a name is too long.)
     listed = args.separate and any(os.path.isdir(path) for path in args.recordings)  # noqa: PTH112

@@ -4,11 +4,6 @@ The weights of the evidence are fitted on all given pairs. The model is evaluate
 with its parts and its mirror image, is left out of the fit once.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("calibrate_merging")
-
 import argparse
 import sys
 from itertools import islice
@@ -25,9 +20,9 @@ if TYPE_CHECKING:
     from tools.calibration.trial import Trial
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py pairs/ new-pairs/ -o merging/confidence_model.json
+  python tools/calibrate_merging.py pairs/ new-pairs/ -o merging/confidence_model.json
       fit on folders of pairs that tools/make_map_pairs.py wrote
-  python tools/%(prog)s.py pairs/ --plot calibration.png
+  python tools/calibrate_merging.py pairs/ --plot calibration.png
       only evaluate the model; a picture of the calibration is written
 """
 WHOLE = 3.0
@@ -38,8 +33,7 @@ SIMULATED = 0.3
 
 STRANGERS_SEED = 1
 """Seed of `benchmark strangers` that the fit uses, and that cannot test the model."""
-_CHUNK = 24
-"""Number of strangers that a process takes at a time; many of them share a building."""
+_CHUNK = 24  # number of strangers that a process takes at a time; many of them share a building
 
 
 def main(argv: list[str] | None = None) -> int:

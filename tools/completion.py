@@ -1,10 +1,5 @@
 """Print a script that completes the commands and options of `tbmslam` in a shell."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("completion")
-
 import argparse
 import importlib
 import sys
@@ -16,9 +11,9 @@ from tools.command_line.program import ProgramParser, run_program
 
 SHELLS = ("bash", "zsh", "tcsh")
 EXAMPLES = """examples:
-  python tools/%(prog)s.py bash > ~/.local/share/bash-completion/completions/tbmslam
+  tbmslam completion bash > ~/.local/share/bash-completion/completions/tbmslam
       for every bash that is started from now on
-  python tools/%(prog)s.py zsh > ~/.zfunc/_tbmslam
+  tbmslam completion zsh > ~/.zfunc/_tbmslam
       for zsh, if ~/.zfunc is in its fpath
 
 exit codes: 0 done, 2 wrong usage, 130 interrupted

@@ -3,11 +3,6 @@
 The name of the output chooses the format. Beliefs survive in map folders, .npz and .tif; other formats hold less.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("convert")
-
 import argparse
 import sys
 from pathlib import Path
@@ -21,11 +16,11 @@ if TYPE_CHECKING:
     from tbmslam.map.tbm_map import TbmMap
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py out/one/run map.yaml
+  tbmslam convert out/one/run map.yaml
       for ROS map_server and nav2: map.yaml and map.pgm
-  python tools/%(prog)s.py plan.png out/plan --resolution 0.05 --origin -10 -5
+  tbmslam convert plan.png out/plan --resolution 0.05 --origin -10 -5
       a floor plan as a map folder: white is free, black occupied, grey 205 unknown
-  python tools/%(prog)s.py out/one/run graph.g2o
+  tbmslam convert out/one/run graph.g2o
       keyframes, measured motions and loop closures, for g2o and GTSAM
 
 formats:
@@ -74,7 +69,6 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> "TbmMap":
-    """Return a map of any format."""
     from tbmslam.io.map_folder import load_map
     from tbmslam.map.tbm_map import TbmMap
 

@@ -3,11 +3,6 @@
 An interrupted download is continued. A complete file is checked, and not downloaded again.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("download")
-
 import argparse
 import shlex
 import sys
@@ -21,11 +16,11 @@ if TYPE_CHECKING:
     from datasets.downloading import KnownRecording
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py --list
+  tbmslam download --list
       every recording known by name, with size and licence
-  python tools/%(prog)s.py ccny/demo
+  tbmslam download ccny/demo
       recordings/ccny/demo.bag, a real recording of 1 MB
-  python tools/%(prog)s.py stata/2011-01-24-06-18-27 freiburg/intel -o recordings
+  tbmslam download stata/2011-01-24-06-18-27 freiburg/intel -o recordings
       recordings/stata/2011-01-24-06-18-27.bag and recordings/freiburg/intel.clf with its true relations
 """
 
@@ -50,10 +45,10 @@ def main(argv: list[str] | None = None, program: str = "download") -> int:
     args = grammar.parse_args(argv)
     if not args.names and not args.list:
         grammar.error("give the name of a recording, or --list")
-    return run_program(program, lambda: _run(args, program), debug=args.debug, interrupted="run it again to go on")
+    return run_program(program, lambda: _run(args), debug=args.debug, interrupted="run it again to go on")
 
 
-def _run(args: argparse.Namespace, program: str) -> None:
+def _run(args: argparse.Namespace) -> None:
     from datasets.downloading import known_recording
 
     if args.list:
@@ -63,7 +58,7 @@ def _run(args: argparse.Namespace, program: str) -> None:
 
         with output_folder(args.out):  # two writers would corrupt the file
             for recording in recordings:
-                _download(recording, args.out, program)
+                _download(recording, args.out)
 
 
 def _list() -> None:
@@ -81,7 +76,7 @@ def _list() -> None:
     print("* This address was never tested.")
 
 
-def _download(recording: "KnownRecording", out: Path, program: str) -> None:
+def _download(recording: "KnownRecording", out: Path) -> None:
     from tqdm import tqdm
 
     from datasets.downloading import DownloadError, download
@@ -102,8 +97,7 @@ def _download(recording: "KnownRecording", out: Path, program: str) -> None:
         print(f"{path}: {'arrived' if fetched else 'is there already'}, SHA-256 in {path.name}.sha256")
         paths.append(path)
     print(f"  licence: {recording.license}; cite: {recording.citation}; see {recording.page}")
-    mapping = "tbmslam map" if " " in program else "python tools/build_maps.py"  # the form of this call
-    command = f"{mapping} {shlex.quote(str(paths[0]))} {recording.options}".rstrip()
+    command = f"tbmslam map {shlex.quote(str(paths[0]))} {recording.options}".rstrip()
     print(f"  next: {command} -o out/{paths[0].stem}")
 
 

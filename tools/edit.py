@@ -3,11 +3,6 @@
 Edits are kept as a list, edits.toml beside the map, and can be applied again when the map is built again.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("edit")
-
 import argparse
 import sys
 from collections.abc import Sequence
@@ -23,11 +18,11 @@ if TYPE_CHECKING:
     from tbmslam.map.tbm_map import TbmMap
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py out/one/run --align-axes --crop -5 -5 30 20 -o out/plan
+  tbmslam edit out/one/run --align-axes --crop -5 -5 30 20 -o out/plan
       walls along the axes, then only a rectangle
-  python tools/%(prog)s.py out/one/run --erase 3 4 5 6 --wall 0 2 0 8 --keepout 10 0 12 4 -o out/plan
+  tbmslam edit out/one/run --erase 3 4 5 6 --wall 0 2 0 8 --keepout 10 0 12 4 -o out/plan
       a parked trolley erased, a glass wall drawn, an area forbidden (keepout.yaml for nav2)
-  python tools/%(prog)s.py out/two/run --edits out/plan/edits.toml -o out/plan-two
+  tbmslam edit out/two/run --edits out/plan/edits.toml -o out/plan-two
       the same edits of a map built again in the same frame
 
 Edits are applied in the order of the command line, those of --edits first. Coordinates are metres in the frame that the

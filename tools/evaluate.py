@@ -4,11 +4,6 @@ A trajectory in TUM format is compared with a true trajectory (ATE, RPE after a 
 relations of the public SLAM benchmark. A map is compared with another map or a simulated world, cell by cell.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("evaluate")
-
 import argparse
 import json
 import sys
@@ -16,17 +11,17 @@ from collections.abc import Mapping
 
 from tools.command_line.options import number_within
 from tools.command_line.paths import check_exist, path_argument
-from tools.command_line.program import ProgramParser, examples, loading, run_program
+from tools.command_line.program import ProgramParser, loading, run_program
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
+  tbmslam evaluate trajectory out/robot_0/trajectory.tum --truth world/robot_0.truth.tum --picture where.png
       ATE and RPE over steps of 1 m, and the drive coloured by its error
-  python tools/%(prog)s.py trajectory out/intel/robot_0/trajectory.tum --relations intel.relations --json
+  tbmslam evaluate trajectory out/intel/robot_0/trajectory.tum --relations intel.relations --json
       the errors of Kuemmerle et al. (2009) as JSON
-  python tools/%(prog)s.py map out/office/robot_0 --truth world/world.npz \\
+  tbmslam evaluate map out/office/robot_0 --truth world/world.npz \\
       --trajectories out/office/robot_0/trajectory.tum world/robot_0.truth.tum --refine
       the share of right cells, with the map placed in the world by its trajectory
-  python tools/%(prog)s.py map out/office/merged --truth floor-plan.yaml --transform 12 30 0 --align 5
+  tbmslam evaluate map out/office/merged --truth floor-plan.yaml --transform 12 30 0 --align 5
       the same on a floor plan, with a pose that is known to five metres
 
 figures of a map: known_both, known_map and known_truth count cells. agree is the share of equal cells among the cells
@@ -39,10 +34,9 @@ the map's walls to the nearest true wall
 def parser(program: str = "evaluate") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
-    epilog = examples(EXAMPLES, program)
     commands = grammar.add_subparsers(dest="command", required=True, metavar="trajectory|map")
-    _add_trajectory(commands.add_parser("trajectory", help="ATE and RPE, or errors of relations", epilog=epilog))
-    _add_map(commands.add_parser("map", help="share of cells that agree with the truth", epilog=epilog))
+    _add_trajectory(commands.add_parser("trajectory", help="ATE and RPE, or errors of relations", epilog=EXAMPLES))
+    _add_map(commands.add_parser("map", help="share of cells that agree with the truth", epilog=EXAMPLES))
     return grammar
 
 
@@ -123,9 +117,9 @@ def _run(args: argparse.Namespace) -> None:
     )
     check_exist(given)
     with loading():
-        from tools.evaluation import map_scores, trajectory_scores
+        from tools.scores import evaluate_map, evaluate_trajectory
 
-    scores = trajectory_scores.evaluate_trajectory if args.command == "trajectory" else map_scores.evaluate_map
+    scores = evaluate_trajectory if args.command == "trajectory" else evaluate_map
     _print_report(scores(args), as_json=args.json)
 
 

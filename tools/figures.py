@@ -6,11 +6,6 @@ columns where none is named), and one cell between `<!-- figure: FILE/TABLE/ROW/
 where ROW is the first cell of its row.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("figures")
-
 import argparse
 import json
 import re
@@ -30,11 +25,11 @@ from tools.command_line.program import ProgramParser, run_program
 ROOT = Path(__file__).resolve().parents[1]
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py fill
+  python tools/figures.py fill
       write the tables of docs/figures into README and docs
-  python tools/%(prog)s.py measure slam split --data ../shared/data
+  python tools/figures.py measure slam split --data ../shared/data
       measure two of them again, then fill the pages
-  python tools/%(prog)s.py list
+  python tools/figures.py list
       names, commands and commits of all figures
 """
 

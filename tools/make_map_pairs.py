@@ -1,10 +1,5 @@
 """Write pairs of partial maps of simulated or real buildings with their true relative pose, and pairs of two places."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("make_map_pairs")
-
 import argparse
 import math
 import re
@@ -21,19 +16,18 @@ if TYPE_CHECKING:
     from datasets.synthetic.map_pairs.pairs import Building
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py -o pairs --seeds 0 1 2
+  python tools/make_map_pairs.py -o pairs --seeds 0 1 2
       every kind of building with three seeds: six overlaps, two far ends, other buildings, a mirrored building
-  python tools/%(prog)s.py -o new-pairs --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/mit-csail --parts 3
+  python tools/make_map_pairs.py -o new-pairs --floor ex3=pairs/crop_ex3_100.npz csail=out/csail/mit-csail --parts 3
       parts of two real maps, of their mirror images, and of three parts of 30 to 250 m2 of each
-  python tools/%(prog)s.py -o bent --seeds 0 1 2 --bend 0.3 --overlap 100 50
+  python tools/make_map_pairs.py -o bent --seeds 0 1 2 --bend 0.3 --overlap 100 50
       maps of different years: each is distorted by 0.3 m, and all movable objects are moved
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
 PERCENT = (100, 75, 50, 35, 25, 15)
 _AREA, _SIZE, _PERCENT = number_within(float, 1, 1e5), number_within(float, 1e-6), number_within(int, 1, 100)
 _SEED, _PARTS = number_within(int, 0), number_within(int, 0, 1000)
-_MOST_BEND_M = 2.0
-"""Largest deformation over 20 m [m]; beyond it the inverse is not exact to a cell."""
+_MOST_BEND_M = 2.0  # largest deformation over 20 m [m]; beyond it the inverse is not exact to a cell
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -4,11 +4,6 @@ The output folder receives robot_0.bag, robot_1.bag, ... (or folders robot_0, ..
 trajectories robot_0.truth.tum, ..., truth.json, the building world.npz, and a picture of everything, world.png.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("make_world")
-
 import argparse
 import math
 import sys
@@ -29,9 +24,9 @@ if TYPE_CHECKING:
     from tbmslam.io.pictures import Picture
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py --world office --seed 1 --robots 3 --odometry good -o out/office
+  tbmslam world --world office --seed 1 --robots 3 --odometry good -o out/office
       three robots in an office; together they see all of it, and neighbours share 30 percent of their paths
-  python tools/%(prog)s.py --world corridor --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
+  tbmslam world --world corridor --length 60 --odometry poor --beams 180 --format mcap -o out/corridor
       60 m of a featureless corridor as a ROS 2 bag, with an old laser and poor odometry
 """
 

@@ -1,10 +1,5 @@
 """Merge maps with unknown relative poses into one map."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("merge")
-
 import argparse
 import logging
 import math
@@ -24,7 +19,6 @@ if TYPE_CHECKING:
     from merging.merger import Merge
     from tbmslam.map.tbm_map import TbmMap
     from tbmslam.report.page import RunInfo
-    from tools.command_line.configuration import Configuration
 
 logger = logging.getLogger("merge")
 
@@ -41,13 +35,13 @@ FARTHEST_POSE = 10_000.0
 DESCRIPTORS = ("concatenated", "and", "or", "xor", "pignistic")
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py out/robot_0 out/robot_1 -o merged
+  tbmslam merge out/robot_0 out/robot_1 -o merged
       merge the maps of two robots into merged/map.npz, map.yaml, pictures and a report
-  python tools/%(prog)s.py out/week -o merged --workers 8
+  tbmslam merge out/week -o merged --workers 8
       all maps in a folder that `tbmslam map` wrote, eight pairs at a time
-  python tools/%(prog)s.py hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
+  tbmslam merge hall.yaml lab.yaml merged/map.npz -o merged2 --rule conjunctive --coverage overlap
       maps of any program; keep only cells that all robots saw, and fuse them conjunctively
-  python tools/%(prog)s.py plan.yaml out/robot_0 out/robot_1 -o merged --pose robot_0 12.5 -3 90
+  tbmslam merge plan.yaml out/robot_0 out/robot_1 -o merged --pose robot_0 12.5 -3 90
       the pose of robot_0 in the plan's frame is about 12.5 m, -3 m and 90 degrees
 
 exit codes: 0 merged, 1 error, described in one line, 2 wrong usage, 3 no two maps could be merged (see the
@@ -61,8 +55,7 @@ def main(arguments: Sequence[str] | None = None, program: str = "merge") -> int:
     options = grammar.parse_args(arguments)
     try:
         given, options.maps = options.maps, list_maps(options.maps)
-        if not options.print_config:
-            _check(grammar, options, given)
+        _check(grammar, options, given)
     except (OSError, RuntimeError) as error:  # unreadable folders, circular links
         grammar.error(f"the maps cannot be listed: {error}")
     if options.verbose:
@@ -83,14 +76,7 @@ def _run(
 ) -> int:
     check_exist(options.maps, "does not exist: give a map's folder or file")
     check_exist([options.config])
-    with loading():
-        from tools.command_line.configuration import whole_text
-
-    config = _configuration(grammar, options)
-    if options.print_config:
-        print(whole_text(config), end="")
-        return DONE
-    return _merge(options, config.merging, typed_command(program, arguments))
+    return _merge(options, _configuration(grammar, options), typed_command(program, arguments))
 
 
 def _check(grammar: argparse.ArgumentParser, options: argparse.Namespace, given: Sequence[Path]) -> None:
@@ -204,10 +190,11 @@ def _reliability(text: str) -> tuple[str, float]:
         raise argparse.ArgumentTypeError(f"must look like NAME=0.5, got {text!r}") from None
 
 
-def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace) -> "Configuration":
-    """Return the configuration by file, settings and options, in increasing priority."""
-    from tbmslam.configuration.parameters import ConfigError, changed
-    from tools.command_line.configuration import read_configuration
+def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace) -> "MergeConfig":
+    """Return the parameters of the merge by file, settings and options, in increasing priority."""
+    with loading():
+        from tbmslam.configuration.parameters import ConfigError, changed
+        from tools.command_line.configuration import read_configuration
 
     config = read_configuration(options.preset, options.config).with_settings(options.set)
     chosen = {
@@ -224,7 +211,7 @@ def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace)
         "consensus": _given(min_inliers=options.min_inliers),
     }
     try:
-        return changed(config, {"merging": _given(**chosen)}, "options")
+        return changed(config, {"merging": _given(**chosen)}, "options").merging
     except ConfigError as error:
         parser.error(str(error))
 
@@ -274,7 +261,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
             logger.warning("%s and %s hold the same scans, %d of %d keyframes: %s", first, second, shared, of, counts)
         result = merge(maps, config, options.workers, progress, options.scheduler)
         _save(options, result, maps, config, RunInfo(command, progress.seconds))
-    _tell(result, options.out)
+    _tell(result, config, next(iter(maps)), options.out)
     return DONE if result.merged is not None else NOTHING_MERGED
 
 
@@ -328,12 +315,13 @@ def _save(
     write_checksums(options.out)
 
 
-def _tell(result: "Merge", out: Path) -> None:
+def _tell(result: "Merge", config: "MergeConfig", first: str, out: Path) -> None:
     for (target, source), found in result.alignments.items():
         print(f"{source} in {target}: {'accepted' if found.accepted else 'refused'}: {found.reason}")
     for name, reason in result.left_out.items():
         print(f"left out: {name}: {reason}")
-    if result.left_out:
+    placed = {first, *config.known_poses} if config.known_poses else set()
+    if result.left_out.keys() - placed:
         print("if the pose of a map is known, pass --pose NAME X Y DEG, in the first map's frame")
     if result.merged is None:
         print(f"nothing merged; the reasons are in {out / 'report.html'}")

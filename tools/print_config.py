@@ -1,10 +1,5 @@
 """Print all parameters with meaning, unit and value as TOML for --config."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("print_config")
-
 import argparse
 import sys
 from collections.abc import Sequence
@@ -14,9 +9,9 @@ from tools.command_line.paths import check_exist
 from tools.command_line.program import ProgramParser, run_program
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py > mine.toml
+  tbmslam config > mine.toml
       the defaults, to be edited and given to `tbmslam map` or `merge` with --config mine.toml
-  python tools/%(prog)s.py --config out/robot_0
+  tbmslam config --config out/robot_0
       the parameters of an earlier result
 """
 
@@ -24,7 +19,7 @@ EXAMPLES = """examples:
 def parser(program: str = "print_config") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
-    add_configuration_options(grammar, "map.resolution=0.1", printing=False)
+    add_configuration_options(grammar, "map.resolution=0.1")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 

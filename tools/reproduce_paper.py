@@ -5,16 +5,13 @@ Transferable Belief Model", SEIM 2021, with the paper's values beside the measur
 report.html, figures.json, and the recordings and maps unless they are given.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("reproduce_paper")
-
 import argparse
 import sys
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tools import paper
 from tools.command_line.options import comma_separated, number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
@@ -23,15 +20,15 @@ from tools.make_world import WORLDS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from merging.experiments.map_pair import MapPair
     from tools.paper.experiments import PaperResults, PaperSettings
+    from tools.paper.map_pair import MapPair
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py -o out/paper
+  python tools/reproduce_paper.py -o out/paper
       five simulated drives through one office, mapped as the paper's were: ten pairs
-  python tools/%(prog)s.py run.bag --robots 5 --overlap 0.8 -o out/paper-run
+  python tools/reproduce_paper.py run.bag --robots 5 --overlap 0.8 -o out/paper-run
       a recording, cut into five robots; the reference is the map of the whole recording by the default SLAM
-  python tools/%(prog)s.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
+  python tools/reproduce_paper.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
       existing maps (a folder that `tbmslam map` wrote, with its truth.json)
 """
 
@@ -156,51 +153,28 @@ def _report(
     settings: "PaperSettings",
     results: "PaperResults",
 ) -> str:
-    from tbmslam.report.page import Table
+    from tbmslam.report.page import Table, render
     from tools.command_line.measurement_record import describe_machine
-    from tools.paper.feature_sections import conclusions, curve_section, detector_section, modification_section
-    from tools.paper.merge_sections import (
-        duration_section,
-        halves_section,
-        map_section,
-        merged_section,
-        transform_section,
-    )
-    from tools.paper.page import Section, paper_page
+    from tools.paper.figures import pictures_of
+    from tools.paper.map_pair import SHARE
+    from tools.paper.tables import values_of
 
     made = "recordings that were given" if args.recordings else f"simulated drives through one building ({args.world})"
-    source = f"maps from {args.maps}" if args.maps else f"maps of {made}, made by the preset {args.preset}"
-    known = (
-        "The true transforms of simulated drives are known exactly."
-        if not (args.recordings or args.maps)
-        else "The reference transforms are those of truth.json, which may be estimates."
-    )
-    lead = [
-        *conclusions(results),
-        (
-            'Tables I to IV and figures 1 to 4 of M. Dobrokhvalov, A. Filatov, "Merging occupancy grid map based on '
-            f'Transferable Belief Model", SEIM 2021, measured on {len(pairs)} pairs: {source}, cells of '
-            f"{pairs[0].target.geometry.resolution:g} m, every map in its own random frame. {known}"
-        ),
-        (
-            "The paper's maps (MIT Stata Center, floor 2) and its code's runs are not available, so single numbers "
-            "cannot agree. Compare the order and the differences of the methods."
-        ),
-    ]
     parameters = {**vars(settings), **{key: str(value) for key, value in sorted(vars(args).items())}}
     rows = [[key, str(value)] for key, value in {**parameters, **describe_machine()}.items()]
-    sections = [
-        map_section(pairs),
-        detector_section(results, settings),
-        modification_section(results, settings),
-        curve_section(results, settings),
-        transform_section(results, settings),
-        duration_section(results),
-        halves_section(results),
-        merged_section(pairs, results),
-        Section("Settings", [f"Command: {command}"], [Table("Exact settings", ["parameter", "value"], rows)]),
-    ]
-    return paper_page("The paper's experiments, repeated", lead, sections)
+    return render(
+        resources.files(paper).joinpath("report.html").read_text(encoding="utf-8"),
+        pairs=pairs,
+        results=results,
+        settings=settings,
+        command=command,
+        share=SHARE,
+        source=f"maps from {args.maps}" if args.maps else f"maps of {made}, made by the preset {args.preset}",
+        truth_is_exact=not (args.recordings or args.maps),
+        settings_table=Table("Exact settings", ["parameter", "value"], rows),
+        **values_of(pairs, results, settings),
+        **pictures_of(pairs, results, settings),
+    )
 
 
 def _say(text: str) -> None:

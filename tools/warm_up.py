@@ -1,10 +1,5 @@
 """Compile all functions of mapping and merging, so that later runs start at once."""
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("warm_up")
-
 import argparse
 import contextlib
 import io
@@ -17,9 +12,9 @@ from pathlib import Path
 from tools.command_line.program import DONE, ProgramParser, run_program
 
 EXAMPLES = """examples:
-  python tools/%(prog)s.py
+  tbmslam warm-up
       a minute or two on a new machine, seconds where all is compiled
-  python tools/%(prog)s.py --debug
+  tbmslam warm-up --debug
       with a traceback, should something fail
 """
 _DRIVE_M = "30"

@@ -6,6 +6,7 @@ Odometry poses are buffered until those around a scan are known, and interpolate
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 from datasets.counts import ReadingCounts
@@ -265,12 +266,4 @@ def scaled(T_odom_robot: SE2, scale: float) -> SE2:
 
 def turned_over(scan: LaserScan) -> LaserScan:
     """Return the scan of an upside-down laser as seen from above, with its beams reversed."""
-    return LaserScan(
-        scan.stamp,
-        -scan.angle_min,
-        -scan.angle_increment,
-        scan.range_min,
-        scan.range_max,
-        scan.ranges,
-        scan.time_increment,
-    )
+    return replace(scan, angle_min=-scan.angle_min, angle_increment=-scan.angle_increment)

@@ -148,7 +148,6 @@ class BagFiles:
 
 
 def _stream(source: BagSource, topics: Collection[str], steered_by: str, cut: CloudSlice | None) -> Iterator[Message]:
-    """Yield the decoded messages of one file."""
     if source.is_ros1:
         _check_definitions(source.path, [each for each in source.connections if each.topic in topics])
     decoded = MessageDecoder(source.is_ros1).decoded

@@ -129,13 +129,11 @@ logger = logging.getLogger(__name__)
 Content: TypeAlias = FramedScan | list[StampedTransform]
 
 _LITTLE_ENDIAN = b"\x00\x01"
-_PADDING = 3
-"""Bytes at the end of a message that CDR may add."""
+_PADDING = 3  # bytes at the end of a message that CDR may add
 _SIZE = struct.Struct("<I")
 _STAMP = struct.Struct("<iI")
 _POSE = struct.Struct("<7d")
-_BEHIND_POSE = 8 * (36 + 6 + 36)
-"""Bytes of an Odometry's covariance, twist and covariance of the twist."""
+_BEHIND_POSE = 8 * (36 + 6 + 36)  # bytes of an Odometry's covariance, twist and covariance of the twist
 
 
 class NotAsUsualError(ValueError):

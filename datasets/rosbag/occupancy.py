@@ -10,15 +10,14 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
-from rosbags.typesys import Stores, get_typestore
 
 from datasets.errors import DatasetError
 from datasets.odometry.se3 import SE3
 from datasets.rosbag.messages import standard_types
 from datasets.rosbag.source import BagSource
 from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_occupancy, occupancy_of
-from tbmslam.belief.grid_resampling import canvas_of, resample
 from tbmslam.io.atomic_file import replacing
+from tbmslam.io.ros_map import grid_at
 from tbmslam.map.map_check import MapFileError, check_geometry
 
 Format = Literal["ros1", "mcap"]
@@ -26,8 +25,7 @@ Format = Literal["ros1", "mcap"]
 TOPIC, FRAME = "/map", "map"
 _TYPE = "nav_msgs/msg/OccupancyGrid"
 
-_FOREVER = QosTime(9223372036, 854775807)
-"""An unlimited time in ROS 2 (`RMW_DURATION_INFINITE`)."""
+_FOREVER = QosTime(9223372036, 854775807)  # an unlimited time in ROS 2 (`RMW_DURATION_INFINITE`)
 _LATCHED = Qos(
     history=QosHistory.KEEP_LAST,
     depth=1,
@@ -57,7 +55,7 @@ def write_occupancy_bag(path: str | os.PathLike[str], grid: TbmGrid, stamp: floa
 
 def _write(place: Path, grid: TbmGrid, nanoseconds: int, kind: Format) -> Path:
     """Write the bag and return the file."""
-    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+    store = standard_types(kind == "ros1")
     message = _message(store, grid, nanoseconds, {"seq": 0} if kind == "ros1" else {})
     if kind == "ros1":
         with Rosbag1Writer(place) as writer:
@@ -120,7 +118,6 @@ def read_occupancy_bag(path: Path) -> TbmGrid:
 
 
 def _grid(path: Path, message: Any) -> TbmGrid:
-    """Return the grid of an OccupancyGrid."""
     info, cells = message.info, np.asarray(message.data, dtype=np.int8)
     place, turn = info.origin.position, info.origin.orientation
     origin = SE3.from_values(place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
@@ -133,7 +130,4 @@ def _grid(path: Path, message: Any) -> TbmGrid:
     if len(cells) != geometry.rows * geometry.cols:
         raise MapFileError(f"{path}: {len(cells)} cells are not {geometry.rows} x {geometry.cols}: record it again")
     masses = masses_from_occupancy(np.clip(cells, -1, 100).reshape(geometry.rows, geometry.cols))
-    if corner.theta == 0.0:
-        return TbmGrid(geometry, masses)
-    flat = TbmGrid(geometry._replace(origin_x=0.0, origin_y=0.0), masses)
-    return resample(flat, corner, canvas_of(flat.geometry, corner))
+    return grid_at(path, resolution, corner, masses)

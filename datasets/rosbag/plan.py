@@ -167,7 +167,6 @@ def _surveyed(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) 
 
 
 def _take(survey: Survey, message: Message) -> None:
-    """Add one message to the survey."""
     if message.content is None:
         return
     if isinstance(message.content, FramedScan):
@@ -212,7 +211,6 @@ def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, sur
 def _source(
     files: BagFiles, options: RecordingOptions, topics: ChosenTopics, frames: Frames | None, survey: Survey
 ) -> str:
-    """Return the source of the odometry."""
     if frames is not None:
         return "tf"
     # The profile states a frame too, which may be missing.

@@ -86,7 +86,6 @@ def is_static(topic: str) -> bool:
 
 
 def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
-    """Return the one topic of scans."""
     if options.scan_topic is not None:
         topic = _named(files, options.scan_topic, _SCAN_TYPES, "--scan-topic")
         if not topic.messages:

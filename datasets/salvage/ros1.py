@@ -244,7 +244,6 @@ class _Scan:
         return chunk.end if _is_record_or_end(buffer, chunk.end) else next_record(buffer, chunk.start, (CHUNK, INDEX))
 
     def _add_connection(self, record: Record, data: bytes) -> None:
-        """Add a connection."""
         fields = fields_of(data)
         if fields is None or b"type" not in fields:
             return

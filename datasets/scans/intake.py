@@ -16,8 +16,7 @@ from tbmslam.sensing.stretched_angles import round_step_deg
 
 _MORE_THAN_A_TURN_DEG = 360.5
 """Angle from the first beam to the last; for some lasers both have the same direction."""
-_LEAST_FAN = 30.0
-"""Nearly five turns, or the smallest field of view of a laser in degrees."""
+_LEAST_FAN = 30.0  # nearly five turns, or the smallest field of view of a laser in degrees
 
 
 def are_degrees(beams: int, angle_increment: float) -> bool:
@@ -54,10 +53,8 @@ def angle_warning(beams: int, angle_increment: float) -> str | None:
 
 
 _REMEMBERED_STAMPS = 64
-_LARGEST_ANGLE = 4.0 * math.pi
-"""Largest plausible angle of the first beam, or from the first to the last [rad]."""
-_SMALLEST_FAN = 1e-3
-"""Smallest field of view of a laser; a smaller angle has a wrong unit [rad]."""
+_LARGEST_ANGLE = 4.0 * math.pi  # largest plausible angle of the first beam, or from the first to the last [rad]
+_SMALLEST_FAN = 1e-3  # smallest field of view of a laser; a smaller angle has a wrong unit [rad]
 
 
 class RawScan(NamedTuple):

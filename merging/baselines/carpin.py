@@ -22,8 +22,7 @@ from merging.config import MergeConfig
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray
 
-_BEST = 8
-"""Number of candidates that are refined."""
+_BEST = 8  # number of candidates that are refined
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:

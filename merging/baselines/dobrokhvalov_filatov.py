@@ -14,8 +14,7 @@ from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
 from tbmslam.belief.grid import TbmGrid
 
-_ENOUGH = 3
-"""Least number of matches for the program's affine transform."""
+_ENOUGH = 3  # least number of matches for the program's affine transform
 
 
 def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:

@@ -1,7 +1,7 @@
 """Poses as a shift between centroids and a rotation: the search for them, and the agreement of two maps there."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -176,6 +176,17 @@ class ShiftSearch:
         side = scipy.fft.next_fast_len(math.ceil(2.2 * reach_m / cell_m), real=True)
         images = [cv2.GaussianBlur(_image(channel, (side, side), cell_m), (0, 0), 1.0) for channel in channels]
         return cls(tuple(scipy.fft.rfft2(image) for image in images), (side, side), cell_m)
+
+    def placements(
+        self, turns: Iterable[float], channels_at: Callable[[float], Sequence[Channel]], peaks: int, count: int
+    ) -> FloatArray:
+        """Return the `count` best placements (K, 3), of the best `peaks` shifts for each rotation [rad]."""
+        found = []
+        for turn in turns:
+            scores, shifts = self.best(channels_at(turn), peaks)
+            found.append(np.column_stack((scores, shifts.real, shifts.imag, np.full(len(scores), turn))))
+        ranked = np.concatenate(found)
+        return np.asarray(ranked[np.argsort(-ranked[:, 0], kind="stable")][:count, 1:])
 
     def best(self, channels: Sequence[Channel], count: int) -> tuple[FloatArray, Points]:
         """Return scores and shifts (count,) of the highest peaks of the correlation, summed over the channels."""

@@ -124,12 +124,10 @@ def _proposals(target: VoronoiDiagram, source: VoronoiDiagram, placing: Placing,
         hough_spectrum(diagram.points, diagram.probabilities, settings.cell_m / 2.0) for diagram in (target, source)
     ]
     search = ShiftSearch.over(target.channels(placing.target_centre, 0.0), placing.reach_m, settings.cell_m)
-    found = []
-    for turn in likely_turns(spectra[0], spectra[1], settings.turns):
-        scores, shifts = search.best(source.channels(placing.source_centre, float(turn)), settings.peaks)
-        found.append(np.column_stack((scores, shifts.real, shifts.imag, np.full(len(scores), turn))))
-    ranked = np.concatenate(found)
-    return np.asarray(ranked[np.argsort(-ranked[:, 0], kind="stable")][:_FINALISTS, 1:])
+    turns = likely_turns(spectra[0], spectra[1], settings.turns).tolist()
+    return search.placements(
+        turns, lambda turn: source.channels(placing.source_centre, turn), settings.peaks, _FINALISTS
+    )
 
 
 def _fields(diagram: VoronoiDiagram, geometry: GridGeometry, blur_m: float) -> list[CellField]:

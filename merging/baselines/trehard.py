@@ -82,10 +82,8 @@ def _proposals(sides: tuple[_Side, _Side], placing: Placing, settings: TrehardCo
     target, source = sides
     cell = max(2.0 * placing.reach_m / settings.cells_along, target.occupied.geometry.resolution)
     search = ShiftSearch.over([(target.walls - placing.target_centre, target.masses)], placing.reach_m, cell)
-    found = []
-    for turn in 2.0 * np.pi * np.arange(settings.turns) / settings.turns:
-        turned = (source.walls - placing.source_centre) * np.exp(1j * turn)
-        scores, shifts = search.best([(turned, source.masses)], settings.peaks)
-        found.append(np.column_stack((scores, shifts.real, shifts.imag, np.full(len(scores), turn))))
-    ranked = np.concatenate(found)
-    return np.asarray(ranked[np.argsort(-ranked[:, 0], kind="stable")][: settings.finalists, 1:])
+    turns = (2.0 * np.pi * np.arange(settings.turns) / settings.turns).tolist()
+    walls = source.walls - placing.source_centre
+    return search.placements(
+        turns, lambda turn: [(walls * np.exp(1j * turn), source.masses)], settings.peaks, settings.finalists
+    )

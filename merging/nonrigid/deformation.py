@@ -21,18 +21,14 @@ from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, wrap_angle
 
 _STEP = 8
 """The inverse of a deformation is computed at every eighth cell and interpolated linearly between them."""
-_BAND = 8 * SIDE
-"""Rows of cells that are resampled at once, to limit the memory."""
+_BAND = 8 * SIDE  # rows of cells that are resampled at once, to limit the memory
 _ROUNDS = 8
 """Most fixed-point iterations of the inverse. Each multiplies the error by a tenth, or by the deformation per metre."""
-_EXACT = 0.01
-"""Change of the inverse that ends its iterations [cells]."""
-_LEAST_COMMON = 10
-"""Least number of common cells that fix a rigid transform."""
+_EXACT = 0.01  # change of the inverse that ends its iterations [cells]
+_LEAST_COMMON = 10  # least number of common cells that fix a rigid transform
 _MIN_SCALE_ERROR = 0.01
 """A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
-_MIN_SCALE_SHARE = 0.5
-"""A scale is reported if it explains a larger share of the deformation than this."""
+_MIN_SCALE_SHARE = 0.5  # a scale is reported if it explains a larger share of the deformation than this
 
 
 @dataclass(frozen=True)

@@ -48,8 +48,7 @@ from tbmslam.parallel.executor import Call, Executor
 logger = logging.getLogger(__name__)
 
 
-_HELD_CELLS = 1.6e7
-"""Cells of maps with tiles that a process holds: 60 bytes each, so 1 GB."""
+_HELD_CELLS = 1.6e7  # cells of maps with tiles that a process holds: 60 bytes each, so 1 GB
 _MUCH_MORE_LIKELY = 20.0
 """Likelihood ratio from which evidence is strong (Kass and Raftery, "Bayes factors", JASA 90, 1995)."""
 

@@ -26,10 +26,8 @@ _Image = npt.NDArray[np.complex64]
 
 _Size = tuple[int, int]
 
-_BLOCK = 8
-"""Side of the blocks of cells that offer one peak each."""
-_DIRECTIONS = 720
-"""Bins of the directions of walls in a full circle."""
+_BLOCK = 8  # side of the blocks of cells that offer one peak each
+_DIRECTIONS = 720  # bins of the directions of walls in a full circle
 
 
 @dataclass(frozen=True)
@@ -149,8 +147,7 @@ def _complex(points: FloatArray) -> _Complex:
     return np.ascontiguousarray(points).view(np.complex128)[:, 0]
 
 
-_BAND = 256
-"""Rows of cells that are counted at once, to limit the memory."""
+_BAND = 256  # rows of cells that are counted at once, to limit the memory
 
 
 def _clear_blocks(structure: WallMap, clearance_m: float, side: int) -> npt.NDArray[np.int64]:
@@ -259,11 +256,9 @@ def distinct(
     return np.asarray(kept[:found], dtype=np.intp)
 
 
-_ELSEWHERE_M, _ELSEWHERE_RAD = 1.0, 0.15
-"""Alignments farther apart than this are different hypotheses."""
+_ELSEWHERE_M, _ELSEWHERE_RAD = 1.0, 0.15  # alignments farther apart than this are different hypotheses
 
-_LEAST_SCORE_M = 1.0
-"""Length of wall that agrees anywhere by chance [m]."""
+_LEAST_SCORE_M = 1.0  # length of wall that agrees anywhere by chance [m]
 
 Candidate = tuple[SE2, Evidence]
 """A motion T_target_source and its evidence."""

@@ -22,8 +22,7 @@ from tbmslam.report.map_layers import ROBOT_COLOURS
 from tbmslam.report.page import RunInfo, downloads
 
 _UNKNOWN_GREY = 205
-_BAND = 256
-"""Rows that are drawn at once, to limit the memory."""
+_BAND = 256  # rows that are drawn at once, to limit the memory
 _AREAS_TOLD = {
     "known_m2": "known in the merged map",
     "seen_m2": "seen by any map",

@@ -10,7 +10,7 @@ from merging.fusion import Fusion, offset_in, warp
 from merging.merger import Merge
 from merging.report.provenance import incidents_of
 from tbmslam.belief.grid import TbmGrid, walls_and_free
-from tbmslam.belief.sparse_zeros import sparse_zeros
+from tbmslam.belief.tiled_masses import sparse_zeros
 from tbmslam.map.drive import Drive
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, for_display, incident_layer, map_layers

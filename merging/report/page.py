@@ -16,8 +16,7 @@ from tbmslam.report.sheet import Sheet
 
 _DOUBTFUL = 0.9
 _LARGE_CONFLICT_M2 = 0.25
-_MOST_SHEETS = 30
-"""Number of maps shown that were not merged; a page with hundreds would be too large to open."""
+_MOST_SHEETS = 30  # number of maps shown that were not merged; a page with hundreds would be too large to open
 
 
 def merge_page(

@@ -14,10 +14,8 @@ from tbmslam.geometry.se2 import FloatArray
 
 SUM_TOLERANCE = 1e-3
 """Largest deviation of the sum of a cell's masses from one, by rounding in float32."""
-_BAND = 256
-"""Rows that are processed together, to limit the memory."""
-_SLIVER = 1e-6
-"""Largest rounding error of an edge, as a share of a cell."""
+_BAND = 256  # rows that are processed together, to limit the memory
+_SLIVER = 1e-6  # largest rounding error of an edge, as a share of a cell
 
 
 class GridGeometry(NamedTuple):

@@ -15,11 +15,10 @@ import numpy as np
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import Masses
 from tbmslam.belief.tiled_masses import SIDE, TiledMasses, vacuous_masses
-from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.grids import resampling as kernels
 
-_BLOCK = 8 * SIDE
-"""Side of the blocks of the target for which tiles are put together to an array."""
+_BLOCK = 8 * SIDE  # side of the blocks of the target for which tiles are put together to an array
 
 
 @dataclass(frozen=True)
@@ -92,10 +91,15 @@ def resample(grid: TbmGrid, T_target_source: SE2, geometry: GridGeometry) -> Tbm
     return PlacedGrid(grid, T_target_source, geometry).drawn()
 
 
+def corners_of(source: GridGeometry, T_target_source: SE2) -> FloatArray:
+    """Return the corners (4, 2) of a grid in the frame it is placed in [m]."""
+    left, bottom, right, top = source.bounds()
+    return T_target_source.apply([(left, bottom), (right, bottom), (right, top), (left, top)])
+
+
 def canvas_of(source: GridGeometry, T_target_source: SE2) -> GridGeometry:
     """Return the cells of another frame that cover a grid, of the same size."""
-    left, bottom, right, top = source.bounds()
-    corners = T_target_source.apply([(left, bottom), (right, bottom), (right, top), (left, top)])
+    corners = corners_of(source, T_target_source)
     low = corners.min(axis=0)
     # Rounding must not add a row of cells outside of the grid.
     cols, rows = np.ceil((corners.max(axis=0) - low) / source.resolution - 1e-6).astype(int)

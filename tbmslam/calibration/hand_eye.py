@@ -25,8 +25,7 @@ LEAST_ERROR = 0.005
 """Smallest standard deviation of a motion by scans [m]."""
 _LEAST_SCALE = 1e-6
 _ROUNDS = 10
-_SETTLED_M = 1e-6
-"""Change of the unknowns below which the rounds end [m]."""
+_SETTLED_M = 1e-6  # change of the unknowns below which the rounds end [m]
 FREE = np.diag([1e-9, 1e-9, 1e-9, 1e-9, 1e-4])
 """Prior information of the unknowns: position, cosine and sine, and the lag."""
 

@@ -23,20 +23,18 @@ from tbmslam.kernels.adjustment.wall_pieces import StretchHits, gather_hits
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, WallLines, stretch_begins
-from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of
+from tbmslam.optimisation.pose_graph import PoseSolver, coarse_space_of
 
 logger = logging.getLogger(__name__)
 
 
-_GAUGE = 1e8
-"""Information that fixes the first pose [1/m^2]."""
+_GAUGE = 1e8  # information that fixes the first pose [1/m^2]
 _DAMPING = 1.0
 """Information that holds every pose, for directions that no wall determines, as along a corridor [1/m^2]."""
 _NUMBERS = 3
 _SCALE, _OFFSET, _SWEEP = range(_NUMBERS)
 """Relative error of the angles between beams, offset of the ranges [m], time of a beam's rotation by a radian [s]."""
-_PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0
-"""Prior information of the same, from the largest plausible errors."""
+_PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0  # prior information of the same, from the largest plausible errors
 _SHIFT = 0.382
 """Shift of the cells of wall pieces in each round, as a share of a cell, so that no fixed cell borders matter."""
 _NO_MOTIONS = MotionSystem(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3, 3)))
@@ -158,12 +156,9 @@ class LaserErrors(NamedTuple):
     """Standard deviation of `offset` [m]."""
 
 
-_SETTLED = np.array([5e-4, 2e-3])
-"""The rounds end if they change the scale [1] and the offset [m] by less,"""
-_OF_DEVIATION = 0.3
-"""or by less than this share of their standard deviations,"""
-_CHANCE = 2.0
-"""or if both are within this number of standard deviations from zero."""
+_SETTLED = np.array([5e-4, 2e-3])  # the rounds end if they change the scale [1] and the offset [m] by less,
+_OF_DEVIATION = 0.3  # or by less than this share of their standard deviations,
+_CHANCE = 2.0  # or if both are within this number of standard deviations from zero
 _FARTHEST = np.array([0.1, 0.5])
 """Largest plausible scale [1] and offset [m]. Beyond them the fit diverges: all hits contract to one point."""
 
@@ -203,7 +198,6 @@ def _summed(values: FloatArray, owners: IntArray, count: int) -> FloatArray:
 
 
 def _hits_of(hits: ScanHits, scans: IntArray) -> ScanHits:
-    """Return the hits of some scans."""
     own = np.concatenate([np.arange(*hits.offsets[k : k + 2]) for k in scans])
     offsets = np.concatenate(([0], np.cumsum(np.diff(hits.offsets)[scans])))
     return ScanHits(hits.points[own], hits.normals[own], offsets)
@@ -246,8 +240,7 @@ def _joined(estimates: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
 
 
 _USUAL_STEPS_DEG = (2.0, 1.0, 0.5, 0.36, 360.0 / 1024.0, 1.0 / 3.0, 0.25, 0.225, 0.2, 0.125, 0.1)
-_NEARLY = 0.002
-"""Largest relative error of the fitted step for correctly described lasers."""
+_NEARLY = 0.002  # largest relative error of the fitted step for correctly described lasers
 _HALFWAY = 0.5 * min(larger / smaller - 1.0 for larger, smaller in pairwise(_USUAL_STEPS_DEG))
 """Half the least relative difference of two usual steps, 1.2 %."""
 

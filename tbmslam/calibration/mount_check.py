@@ -94,12 +94,9 @@ _PARTS, _LEAST = 3, 4
 _ROUNDS = 3
 _MAYBE = 0.5
 """A change is examined if its first estimate exceeds this share of the smallest rotation worth a warning."""
-_DEPTH = 2
-"""Levels of recursive division: at most three changes are found."""
-_COARSE_SPLITS = 64
-"""Moments of a part that are tried first."""
-_SURE = 4.0
-"""Standard deviations within which the smallest rotation worth a warning must be known."""
+_DEPTH = 2  # levels of recursive division: at most three changes are found
+_COARSE_SPLITS = 64  # moments of a part that are tried first
+_SURE = 4.0  # standard deviations within which the smallest rotation worth a warning must be known
 
 
 class MountChange(NamedTuple):

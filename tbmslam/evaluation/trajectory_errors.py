@@ -1,5 +1,7 @@
 """Errors of an estimated trajectory: absolute (ATE) and relative (RPE).
 
+J. Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012.
+
 A truth of another point of the robot, or of another clock, causes systematic errors. They are detected and named.
 """
 
@@ -40,8 +42,12 @@ class TrajectoryAlignment:
 
     T_reference_estimate: SE2
     """Transform from the estimate's frame to the reference's."""
+    points: FloatArray
+    """Estimated positions (M, 2) in the reference's frame, in the order of the estimate [m]."""
     errors_m: FloatArray
-    """Distance (M,) left at every pose that both have [m]."""
+    """Their distances (M,) from the reference."""
+    unmatched: int
+    """Number of estimated poses without a pose of the reference at their stamp."""
 
     @property
     def ate_m(self) -> float:
@@ -52,7 +58,7 @@ class TrajectoryAlignment:
 def align_trajectories(
     reference: Trajectory, estimate: Trajectory, max_stamp_difference: float = 0.01
 ) -> TrajectoryAlignment:
-    """Align an estimate with a reference by the rigid motion of least squared distances.
+    """Align an estimate with a reference by the rigid motion of least squared distances, eq. 3 there.
 
     Poses belong together when their stamps differ by no more than `max_stamp_difference` seconds, see
     `matching_poses`.
@@ -65,22 +71,8 @@ def align_trajectories(
         )
     target, source = reference.poses[i, :2], estimate.poses[j, :2]
     T_reference_estimate, _ = fit_rigid(target, source)
-    errors = np.hypot(*(T_reference_estimate.apply(source) - target).T)
-    return TrajectoryAlignment(T_reference_estimate, errors)
-
-
-@dataclass(frozen=True)
-class AbsoluteErrors:
-    """Distances after the alignment of the estimate with the truth."""
-
-    T_truth_estimate: SE2
-    """Transform from the estimate's frame to the truth's."""
-    points: FloatArray
-    """Estimated positions (M, 2) in the truth's frame, in the order of the estimate [m]."""
-    errors_m: FloatArray
-    """Their distances (M,) from the truth."""
-    unmatched: int
-    """Number of estimated poses without a true pose at their stamp."""
+    points = T_reference_estimate.apply(source)
+    return TrajectoryAlignment(T_reference_estimate, points, np.hypot(*(points - target).T), len(estimate) - len(i))
 
 
 @dataclass(frozen=True)
@@ -90,14 +82,6 @@ class RelativeErrors:
     translations_m: FloatArray
     rotations_deg: FloatArray
     """Absolute error (K,) of each step."""
-
-
-def absolute_errors(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float = 0.01) -> AbsoluteErrors:
-    """Align the estimate with the truth by a rigid motion and compute the remaining distances, eq. 3 there."""
-    alignment = align_trajectories(truth, estimate, max_stamp_difference)
-    _, matched = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
-    points = alignment.T_reference_estimate.apply(estimate.poses[matched, :2])
-    return AbsoluteErrors(alignment.T_reference_estimate, points, alignment.errors_m, len(estimate) - len(matched))
 
 
 def relative_errors(
@@ -181,15 +165,12 @@ class ErrorStatistics:
         )
 
 
-_LEAST_M = 0.02
-"""Least error that is explained; smaller errors are noise [m]."""
+_LEAST_M = 0.02  # least error that is explained; smaller errors are noise [m]
 _SHARE = 0.5
 """Largest ratio of the remaining RMS error if a constant explains three quarters of the squared error."""
-_FARTHEST_S = 5.0
-"""Largest offset of the clocks; beyond it hardly any stamps match [s]."""
+_FARTHEST_S = 5.0  # largest offset of the clocks; beyond it hardly any stamps match [s]
 _STEP_S = 0.05
-_LEAST_S = 0.02
-"""Least offset that is reported; delays of recorders are some hundredths of a second [s]."""
+_LEAST_S = 0.02  # least offset that is reported; delays of recorders are some hundredths of a second [s]
 
 
 def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float) -> str | None:

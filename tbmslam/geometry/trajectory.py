@@ -65,8 +65,7 @@ class Trajectory:
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum()) if len(self) > 1 else 0.0
 
 
-_REST_M = 0.05
-"""Largest distance between poses of a robot at rest [m]."""
+_REST_M = 0.05  # largest distance between poses of a robot at rest [m]
 _SHORTEST_S, _FASTEST, _FASTEST_TURN = 1e-3, 5.0, 2.0
 """Least time between poses [s], and largest speed [m/s] and turn rate [rad/s] of a robot indoors."""
 

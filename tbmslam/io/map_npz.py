@@ -46,8 +46,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.special_file import why_unreadable
 
 Array = npt.NDArray[Any]
-_DEFLATE_LIMIT = 1040
-"""Largest compression ratio of deflate; a file with a larger ratio states wrong sizes."""
+_DEFLATE_LIMIT = 1040  # largest compression ratio of deflate; a file with a larger ratio states wrong sizes
 
 _FREE_BYTES, _USUAL_RATIO = 64_000_000, 100
 """Size above which an array of unknown length with a better compression than the numbers of a drive is refused."""

@@ -13,6 +13,7 @@ import yaml
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_occupancy, occupancy_of
 from tbmslam.belief.grid_resampling import canvas_of, resample
+from tbmslam.belief.masses import Masses
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.io.atomic_file import write_bytes, write_text
 from tbmslam.map.map_check import MAX_TURN, MapFileError, check_file, check_geometry
@@ -138,8 +139,7 @@ def _image_path(path: Path, name: object) -> Path:
 
 FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL = 254, 205, 0
 _OF_SAVERS = (FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL, 255)
-_MENDED = 0.01
-"""Largest share of other greys in a map saver's picture, as from a brush."""
+_MENDED = 0.01  # largest share of other greys in a map saver's picture, as from a brush
 
 
 def write_ros_map(stem: str | os.PathLike[str], grid: TbmGrid) -> None:
@@ -182,10 +182,8 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     """
     header = read_ros_map_header(Path(path))
     image = read_image(header.image)
-    rows, cols = image.pixels.shape[:2]
     corner = header.T_map_image
-    geometry = GridGeometry(header.resolution, corner.x, corner.y, rows, cols)
-    check_geometry(path, geometry)
+    check_geometry(path, GridGeometry(header.resolution, corner.x, corner.y, *image.pixels.shape[:2]))
     _warn_of_transparency(Path(path), image, header.pixels)
     rule = header.pixels
     if _frees_the_unknown(image, rule):
@@ -209,7 +207,15 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
             UNKNOWN_PIXEL,
             FREE_THRESHOLD,
         )
-    masses = masses_from_occupancy(occupancy)
+    return grid_at(Path(path), header.resolution, corner, masses_from_occupancy(occupancy))
+
+
+def grid_at(path: Path, resolution: float, corner: SE2, masses: Masses) -> TbmGrid:
+    """Return the grid of a map by the pose of its lower left corner; a rotated map is resampled along the axes.
+
+    Raises a `MapFileError` that names the path if the resampled map would be too large.
+    """
+    geometry = GridGeometry(resolution, corner.x, corner.y, *masses.shape[:2])
     if corner.theta == 0.0:
         return TbmGrid(geometry, masses)
     turned = TbmGrid(geometry._replace(origin_x=0.0, origin_y=0.0), masses)

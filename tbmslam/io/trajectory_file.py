@@ -170,7 +170,6 @@ def _vertex_lines(drive: Drive, first: int) -> Iterator[str]:
 
 
 def _graph_edge_lines(drive: Drive, first: int) -> Iterator[str]:
-    """Yield the edges of a drive."""
     if drive.motions is not None:
         following = np.arange(len(drive.motions))
         yield from _edge_lines(np.column_stack((following, following + 1)) + first, drive.motions)

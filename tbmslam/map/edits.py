@@ -16,12 +16,10 @@ from tbmslam.map.tbm_map import TbmMap
 
 Kind = Literal["crop", "rotate", "erase", "free", "occupy", "wall"]
 _NUMBERS: dict[str, int] = {"crop": 4, "rotate": 1, "erase": 4, "free": 4, "occupy": 4, "wall": 4}
-_MOST_POINTS = 20_000
-"""Largest number of occupied cells that are used to find the rotation of a building."""
+_MOST_POINTS = 20_000  # largest number of occupied cells that are used to find the rotation of a building
 _TURNS_DEG = ((45.0, 0.5), (0.5, 0.05), (0.05, 0.01))
 """Ranges and steps of the tested rotations, from coarse to fine."""
-_FARTHEST = 1e5
-"""Largest plausible coordinate [m]."""
+_FARTHEST = 1e5  # largest plausible coordinate [m]
 
 
 @dataclass(frozen=True)

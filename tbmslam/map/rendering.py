@@ -11,8 +11,7 @@ from pydantic import Field, model_validator
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import Masses
-from tbmslam.belief.sparse_zeros import sparse_zeros
-from tbmslam.belief.tiled_masses import SIDE, TiledMasses
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses, sparse_zeros
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray, IntArray
 from tbmslam.kernels.rays.counting import MOST_SCANS, Counts, beam_ends, count_scans, counted_tiles, write_tiles
@@ -109,8 +108,7 @@ class MapConfig(FrozenConfig):
 
 
 _SCANS_AT_ONCE = 1000
-_BEAMS_KEPT = 2_000_000
-"""Number of beams whose ends are stored until they are counted; they take 34 MB."""
+_BEAMS_KEPT = 2_000_000  # number of beams whose ends are stored until they are counted; they take 34 MB
 _LARGE_BYTES = 1 << 28
 _STRIP_BYTES = 1 << 27
 """Counts of more than 268 MB, for 34 million cells, are taken in strips of 134 MB. Scans at the edges of strips are

@@ -21,8 +21,7 @@ from tbmslam.tracking.tracker import PosePrior, ScanMatch
 logger = logging.getLogger(__name__)
 
 _SAID_AT_MOST = 20
-_SAME_PLACE = 0.5
-"""Least share of the last scan that a scan of the same place confirms."""
+_SAME_PLACE = 0.5  # least share of the last scan that a scan of the same place confirms
 _CARRIED = "if the robot was carried or took a lift, split the recording there with --interval"
 LOST = f"the scan matches hardly anything near the pose of the odometry: its pose is uncertain; {_CARRIED}"
 LOST_WITHOUT_ODOMETRY = f"the scan matches nothing known: without odometry the motion is a guess there; {_CARRIED}"

@@ -20,8 +20,7 @@ _SPAN_S, _STEP_S = 10.0, 1.0
 """Time over which a speed is measured, and time between its poses: noise of single poses would add to the speed."""
 _FASTEST = 4.0
 """Largest plausible speed [m/s]: robots that map buildings drive up to 2 m/s, their platforms up to 3 m/s."""
-_CONFIRMED_SHARE = 0.5
-"""Share of the speed that odometry must confirm."""
+_CONFIRMED_SHARE = 0.5  # share of the speed that odometry must confirm
 
 
 class ImpossibleSpeed(NamedTuple):
@@ -73,10 +72,8 @@ def _speeds(times: FloatArray, poses: FloatArray) -> tuple[IntArray, FloatArray]
     return begins, speeds
 
 
-_SHORTEST_S = 2.0
-"""Shortest interval with a warning; in less time, a constant velocity errs by centimetres [s]."""
-_LARGE_SHARE = 0.1
-"""Share of a drive above which one warning replaces those of its intervals."""
+_SHORTEST_S = 2.0  # shortest interval with a warning; in less time, a constant velocity errs by centimetres [s]
+_LARGE_SHARE = 0.1  # share of a drive above which one warning replaces those of its intervals
 
 
 class UndeterminedMotion(NamedTuple):
@@ -133,8 +130,7 @@ def _undetermined_steps(keyframes: Sequence[TrackedKeyframe]) -> BoolArray:
     return undetermined
 
 
-_FEW_KEYFRAMES = 10
-"""Number of scans from which a cell that all of them see as free is free in map.pgm."""
+_FEW_KEYFRAMES = 10  # number of scans from which a cell that all of them see as free is free in map.pgm
 
 
 def standing_warnings(trajectory: Trajectory, keyframes: Keyframes) -> list[EndWarning]:
@@ -149,8 +145,7 @@ def standing_warnings(trajectory: Trajectory, keyframes: Keyframes) -> list[EndW
     return [EndWarning("standing", text)]
 
 
-_TIME_STEP_S = 0.1
-"""Step of the times in warnings [s]; the end of `--interval` is excluded."""
+_TIME_STEP_S = 0.1  # step of the times in warnings [s]; the end of `--interval` is excluded
 
 
 class DriveReview:

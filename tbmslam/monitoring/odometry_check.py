@@ -134,14 +134,10 @@ def _shares(keyframes: Sequence[TrackedKeyframe], poses: FloatArray) -> FloatArr
     return shares
 
 
-_CONTRADICTED = 0.02
-"""Trust below which a scan contradicts the odometry: 18 deviations off."""
-_PAUSE_S = 1.5
-"""A pause in which a robot may have been carried [s]."""
-_STOOD_M = 0.3
-"""In a pause the wheels may slip by less while the robot is lifted [m]."""
-_WHILE_S = 2.0
-"""Time for which scans contradict the odometry before it is reported [s]."""
+_CONTRADICTED = 0.02  # trust below which a scan contradicts the odometry: 18 deviations off
+_PAUSE_S = 1.5  # a pause in which a robot may have been carried [s]
+_STOOD_M = 0.3  # in a pause the wheels may slip by less while the robot is lifted [m]
+_WHILE_S = 2.0  # time for which scans contradict the odometry before it is reported [s]
 
 DISAGREE = "odometry and scans disagree about the motion"
 ELSEWHERE = (
@@ -175,8 +171,7 @@ class Contradictions:
 _NEAR, _NEAR_SHARE = 0.15, 0.03
 """Largest distance between two hits of one surface [m], and its increase per metre of range."""
 _FEWEST = 10
-_FARTHEST = 40.0
-"""Hits beyond are left out, as the tracker leaves them out [m]."""
+_FARTHEST = 40.0  # hits beyond are left out, as the tracker leaves them out [m]
 
 
 def agreeing_share(before: LaserScan, after: LaserScan, T_before_after: SE2) -> float:

@@ -31,23 +31,16 @@ from tbmslam.kernels.adjustment.wall_pieces import (
 )
 from tbmslam.map.drive import spread_corrections
 from tbmslam.map.scan_hits import ScanHits
-from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge, PoseSolver, coarse_space_of, motions_of
 
 logger = logging.getLogger(__name__)
 
-_GAUGE = 1e8
-"""Information that fixes the first pose [1/m^2]."""
-_DAMPING = 1.0
-"""Information that holds every pose: a step is at most about a metre or a radian [1/m^2]."""
-_QUICK = 3
-"""Quick rounds use every third hit."""
-_SHIFT = 0.382
-"""Shift of the cells in each round, as a share of a cell, so that no fixed cell borders matter."""
-_MOST_HITS = 4_000_000
-"""Largest number of hits of all keyframes; they take half a gigabyte."""
-_REACH = 2.0
-"""Standard deviations within which a hit without a normal may lie on a line."""
+_GAUGE = 1e8  # information that fixes the first pose [1/m^2]
+_DAMPING = 1.0  # information that holds every pose: a step is at most about a metre or a radian [1/m^2]
+_QUICK = 3  # quick rounds use every third hit
+_SHIFT = 0.382  # shift of the cells in each round, as a share of a cell, so that no fixed cell borders matter
+_MOST_HITS = 4_000_000  # largest number of hits of all keyframes; they take half a gigabyte
+_REACH = 2.0  # standard deviations within which a hit without a normal may lie on a line
 
 
 class AdjustmentConfig(FrozenConfig):

@@ -11,21 +11,15 @@ import numpy as np
 from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose, inverse, wrap_angles
 from tbmslam.kernels.adjustment.motion_systems import Motions, motion_equations
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem
-from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
-from tbmslam.optimisation.pose_solver import PoseSolver, coarse_space_of, motions_of
+from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge, PoseSolver, coarse_space_of, motions_of
 
-_GAUGE = 1e12
-"""Information that fixes the first pose to a micrometre and a microradian [1/m^2, 1/rad^2]."""
-_MOST_STEPS = 30
-"""Largest number of steps; real drives take up to five."""
-_DAMPING = 1e-5
-"""Damping of the first step: nearly none, as a chain is flexible [1/m^2, 1/rad^2]."""
-_MOST_DAMPING = 1e8
-"""Damping from which no step is long enough to matter."""
+_GAUGE = 1e12  # information that fixes the first pose to a micrometre and a microradian [1/m^2, 1/rad^2]
+_MOST_STEPS = 30  # largest number of steps; real drives take up to five
+_DAMPING = 1e-5  # damping of the first step: nearly none, as a chain is flexible [1/m^2, 1/rad^2]
+_MOST_DAMPING = 1e8  # damping from which no step is long enough to matter
 _RESIDUE = 1e-5
 """Relative residual at which a step ends; slow bends of a long drive are a small part of the right side."""
-_COVARIANCE_RESIDUE = 1e-9
-"""The same for covariances, which take one solution for each axis."""
+_COVARIANCE_RESIDUE = 1e-9  # the same for covariances, which take one solution for each axis
 _NO_LINES = LineSystem(np.empty((0, 3, 2)), np.empty((0, 3)), np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.int64))
 
 

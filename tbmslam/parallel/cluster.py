@@ -15,8 +15,7 @@ from tbmslam.errors import TbmSlamError
 
 _LAST_PORT = 65535
 _LARGEST_GREETING = 1 << 20  # [bytes]
-_ANSWER_S = 5.0
-"""Time to wait for a scheduler, which answers within a second even over long distances [s]."""
+_ANSWER_S = 5.0  # time to wait for a scheduler, which answers within a second even over long distances [s]
 
 
 class ClusterError(TbmSlamError):

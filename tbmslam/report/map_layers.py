@@ -30,8 +30,7 @@ ROBOT_COLOURS: tuple[Colour, ...] = (
 MOST_CELLS = 9_000_000
 """Larger pictures are shown in coarser cells: a browser needs four bytes for each, in every layer."""
 
-_BAND = 256
-"""Rows of cells that are computed at once, to limit the memory."""
+_BAND = 256  # rows of cells that are computed at once, to limit the memory
 
 _WHITE, _UNSEEN, _INK = (255, 255, 255), (204, 210, 217), (24, 28, 34)
 _STEP = 0.05
@@ -42,8 +41,7 @@ _MASSES = (
     ("unknown", UNKNOWN, Palette.ramp(_WHITE, (226, 222, 210), (150, 140, 120)), "mass on unknown: no evidence"),
     ("conflict", CONFLICT, Palette.ramp(_WHITE, (240, 140, 120), (160, 0, 20)), "mass on conflict: scans contradict"),
 )
-_LINE_STEP = 0.5
-"""Points of a trajectory that are nearer to each other than this share of a cell are left out."""
+_LINE_STEP = 0.5  # points of a trajectory that are nearer to each other than this share of a cell are left out
 
 MAP = "Map"
 

@@ -10,8 +10,7 @@ from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, incident_laye
 from tbmslam.report.page import Page, RunInfo, Table
 from tbmslam.report.sheet import Sheet, drive_tracks
 
-_MOST_NAMES = 5
-"""Number of robots that are named in a warning of several robots."""
+_MOST_NAMES = 5  # number of robots that are named in a warning of several robots
 
 
 def joined_warnings(warnings: Mapping[str, Iterable[str]]) -> list[str]:

@@ -23,8 +23,7 @@ logger = logging.getLogger(__name__)
 _PATIENCE_S = 30.0
 _SCAN_EVERY_S, _ROUNDING_S = 0.2, 1e-3
 _SCAN_POINTS = 360
-_MAP_EVERY = 25
-"""Shown scans between two updates of the growing map."""
+_MAP_EVERY = 25  # shown scans between two updates of the growing map
 _MAP_CELL_M = 0.1
 _SCAN_COLOUR, _MAP_COLOUR, _DRIVE_COLOUR, _LOOP_COLOUR = (213, 94, 0), (90, 100, 112), (0, 114, 178), (160, 60, 160)
 _HEIGHTS = {"map": 0.0, "drive": 0.02, "scan": 0.04}

@@ -21,8 +21,7 @@ Levels = npt.NDArray[np.uint8]
 STEPS = 20
 """Values from 0 to 1 are shown in steps of a twentieth."""
 
-_INDEXED = 3
-"""A PNG's colour type whose pixels are numbers of colours of a palette."""
+_INDEXED = 3  # a PNG's colour type whose pixels are numbers of colours of a palette
 
 
 @dataclass(frozen=True)
@@ -73,10 +72,8 @@ def levels_of(values: npt.NDArray[np.floating] | FloatArray) -> Levels:
     return np.rint(np.clip(values, 0.0, 1.0) * STEPS).astype(np.uint8)
 
 
-_STEP_M = 0.1
-"""Largest error of the shown position, except on drives with more steps than `_MOST_STEPS`."""
-_ARM_M = 0.5
-"""A rotation counts as the path of a point at this distance from the robot: 0.1 m are 11 degrees."""
+_STEP_M = 0.1  # largest error of the shown position, except on drives with more steps than `_MOST_STEPS`
+_ARM_M = 0.5  # a rotation counts as the path of a point at this distance from the robot: 0.1 m are 11 degrees
 _MOST_STEPS, _MOST_STEPS_OF_ALL, _LEAST_STEPS = 1000, 10_000, 20
 """Numbers of steps of a drive, and of all drives of a sheet. A step takes 40 bytes in the page."""
 

@@ -12,8 +12,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.sensing.laser_scan import Reading
 
-_FEW = 10
-"""Least number of readings for the usual interval."""
+_FEW = 10  # least number of readings for the usual interval
 
 
 class SegmentationError(TbmSlamError):

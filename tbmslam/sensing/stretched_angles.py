@@ -10,8 +10,7 @@ from dataclasses import replace
 from tbmslam.sensing.laser_scan import LaserScan
 
 _ROUND_STEPS_DEG = (0.25, 0.5, 1.0)
-_NEARLY = 0.02
-"""Share of a step by which the stated field of view may differ."""
+_NEARLY = 0.02  # share of a step by which the stated field of view may differ
 
 
 def round_step_deg(beams: int, angle_increment: float) -> float | None:

@@ -5,9 +5,11 @@ import shutil
 
 import pytest
 
+from tbmslam import commands
 from tests.end_to_end.programs import contents
 from tests.processes import ROOT, cpu_seconds, python
 
+COMMANDS = {program: command for command, (program, _) in commands.PROGRAMS.items()}
 PROGRAMS = ("build_maps", "merge", "make_world", "evaluate", "benchmark", "download")
 
 pytestmark = pytest.mark.xdist_group("flat")
@@ -57,7 +59,7 @@ def test_wrong_usage_is_exit_2(program):
 def test_help_is_quick_and_shows_two_examples_and_the_exit_codes(program):
     done, seconds = cpu_seconds(program_path(program), "--help")
     assert done.returncode == 0
-    assert done.stdout.count(f"\n  python tools/{program}.py ") >= 2
+    assert done.stdout.count(f"\n  tbmslam {COMMANDS[program]} ") >= 2
     assert "exit codes: 0 " in done.stdout
     assert seconds < 0.3
 

@@ -50,7 +50,7 @@ def test_the_commands_are_understood(command):
 
 def program_of(command):
     """Return the program that a command starts, and its arguments."""
-    first, second, *words = shlex.split(command, comments=True)
+    first, second, *words = shlex.split(command.partition(" > ")[0], comments=True)
     module = f"tools.{PROGRAMS[second][0]}" if first == "tbmslam" else second.removesuffix(".py").replace("/", ".")
     return importlib.import_module(module), words
 

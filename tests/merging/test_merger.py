@@ -180,10 +180,10 @@ def test_nothing_in_common_merges_nothing(rooms):
     assert dict(result.poses) == {}
     assert dict(result.left_out) == dict.fromkeys(["one", "two"], "no other map could be aligned with it")
     why = "no other map could be aligned with it"
-    surest = f"surest pair, two in one: {result.alignments['one', 'two'].reason}"
-    assert repr(result) == f"Merge of 2 maps: merged none\n  one: {why}\n  two: {why}\n  {surest}"
+    best = f"most confident pair, two in one: {result.alignments['one', 'two'].reason}"
+    assert repr(result) == f"Merge of 2 maps: merged none\n  one: {why}\n  two: {why}\n  {best}"
     assert result._repr_png_() is None
-    lines = ("Merge of 2 maps: merged none", f"one: {why}", f"two: {why}", html.escape(surest))
+    lines = ("Merge of 2 maps: merged none", f"one: {why}", f"two: {why}", html.escape(best))
     assert result._repr_html_() == "".join(f"<p>{line}</p>" for line in lines)
 
 

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
@@ -14,7 +16,7 @@ from tbmslam.configuration.parameters import changed
 from tbmslam.configuration.slam_config import SlamConfig, preset
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.geometry.se2 import SE2
-from tbmslam.reading_trial import BACKWARDS, ReadingTrial
+from tbmslam.reading_trial import BACKWARDS, PairedGains, ReadingTrial
 from tbmslam.sensing.laser_scan import Corrections
 from tbmslam.slam import Slam
 
@@ -200,3 +202,32 @@ def test_scans_that_state_times_are_tried_with_the_stated_step(converted):
     reading = converted[1][0]
     timed = reading.with_scan(replace(reading.scan, time_increment=1e-4))
     assert ReadingTrial.of(timed, SlamConfig(), None).rival.finding == BACKWARDS
+
+
+@given(st.lists(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=4), max_size=9))
+def test_the_groups_count_by_their_means(groups):
+    gains = PairedGains()
+    for group in groups:
+        for gain in group:
+            gains.add(gain, 1.0 / len(group))
+    means = np.array([np.mean(group) for group in groups])
+    squares = float((means**2).sum())
+    assert gains.groups == len(groups)
+    assert gains.deviations() == pytest.approx(float(means.sum()) / math.sqrt(squares) if squares else 0.0, abs=1e-9)
+
+
+def test_a_gain_without_share_and_an_incomplete_group_do_not_count():
+    gains = PairedGains()
+    gains.add(1.0, 0.5)
+    gains.add(9.0, 0.0)
+    assert (gains.groups, gains.deviations()) == (0, 0.0)
+    gains.add(3.0, 0.5)
+    assert (gains.groups, gains.deviations()) == (1, 1.0)
+
+
+def test_chance_hardly_ever_exceeds_the_bound():
+    rng = np.random.default_rng(0)
+    signs = rng.choice([-1.0, 1.0], (20000, 60)) * rng.exponential(1.0, (20000, 60))
+    sums = signs.sum(axis=1) / np.sqrt((signs**2).sum(axis=1))
+    for z in (2.0, 3.0, 3.5):
+        assert (sums > z).mean() <= math.exp(-0.5 * z * z)

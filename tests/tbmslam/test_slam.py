@@ -11,7 +11,7 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise, poses_at
 from tbmslam.configuration.parameters import changed
 from tbmslam.configuration.slam_config import SlamConfig, preset
-from tbmslam.evaluation.trajectory_errors import absolute_errors, align_trajectories
+from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.loop_closure import loose_steps
 from tbmslam.sensing.laser_scan import LaserScan, Reading
@@ -184,7 +184,7 @@ def test_a_turn_between_two_slow_scans_is_that_of_the_odometry():
     slam = Slam()
     for reading in drive.readings():
         slam.process(reading)
-    errors = absolute_errors(drive.truth(), slam.finish().drives[0].trajectory).errors_m
+    errors = align_trajectories(drive.truth(), slam.finish().drives[0].trajectory).errors_m
     assert errors.max() < 0.1
 
 

@@ -35,18 +35,17 @@ def test_a_recording_is_put_where_the_next_command_finds_it(tmp_path, monkeypatc
     assert download.main(["stata/2011-01-24-06-18-27", "freiburg/intel"]) == 0
     assert asked[0] == ("http://infinity.csail.mit.edu/data/2011/2011-01-24-06-18-27.bag", None)
     assert (tmp_path / "recordings" / "freiburg" / "intel.relations").is_file()
-    command = capsys.readouterr().out.split("next: python tools/build_maps.py ")[1].splitlines()[0]
+    command = capsys.readouterr().out.split("next: tbmslam map ")[1].splitlines()[0]
     args = build_maps.parser().parse_args(command.split())
     assert args.recordings[0].is_file()
     assert args.profile == "stata"
 
 
-@pytest.mark.parametrize("program", ["download", "tbmslam download"])
-def test_the_small_one_arrives_whole_and_with_its_licence(tmp_path, monkeypatch, capsys, program):
+def test_the_small_one_arrives_whole_and_with_its_licence(tmp_path, monkeypatch, capsys):
     asked = []
     monkeypatch.setattr(downloading, "download", lambda *what: bool(asked.append(what[:3])))
     monkeypatch.chdir(tmp_path)
-    assert download.main(["ccny/demo"], program) == 0
+    assert download.main(["ccny/demo"]) == 0
     ((address, path, sha256),) = asked
     assert address.startswith("https://raw.githubusercontent.com/CCNYRoboticsLab/scan_tools/")
     assert address.endswith("/laser_scan_matcher/demo/demo.bag")
@@ -54,8 +53,7 @@ def test_the_small_one_arrives_whole_and_with_its_licence(tmp_path, monkeypatch,
     out = capsys.readouterr().out
     assert "licence: BSD 3-Clause; cite: I. Dryanovski" in out
     assert "see https://github.com/CCNYRoboticsLab/scan_tools/" in out
-    named = "tbmslam map" if program == "tbmslam download" else "python tools/build_maps.py"
-    assert f"  next: {named} recordings/ccny/demo.bag -o out/demo\n" in out
+    assert "  next: tbmslam map recordings/ccny/demo.bag -o out/demo\n" in out
 
 
 def test_a_server_that_does_not_answer_is_one_line_that_names_the_page(tmp_path, monkeypatch, capsys):

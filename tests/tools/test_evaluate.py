@@ -209,7 +209,7 @@ def test_ctrl_c_and_too_little_memory_are_one_line(tmp_path, monkeypatch, capsys
     def give_up(_):
         raise raised
 
-    monkeypatch.setattr("tools.evaluation.map_scores.evaluate_map", give_up)
+    monkeypatch.setattr("tools.scores.evaluate_map", give_up)
     assert main(["map", str(tmp_path), "--truth", str(tmp_path)]) == code
     assert capsys.readouterr().err.startswith(f"evaluate: {said}")
 

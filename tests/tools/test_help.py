@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from tbmslam import commands
 from tests.processes import python
 from tools import build_maps, merge
 
@@ -11,6 +12,7 @@ PROGRAMS = (
     *("build_maps", "merge", "make_world", "evaluate", "benchmark"),
     *("download", "print_config", "completion", "warm_up"),
 )
+COMMANDS = {program: command for command, (program, _) in commands.PROGRAMS.items()}
 
 
 def parsers(program):
@@ -25,15 +27,15 @@ def parsers(program):
 def test_each_help_has_two_examples_and_the_exit_codes(program):
     for grammar in parsers(program):
         text = grammar.format_help()
-        assert len(re.findall(rf"\n  python tools/{program}\.py[ \n]", text)) >= 2
+        assert len(re.findall(rf"\n  tbmslam {COMMANDS[program]}[ \n]", text)) >= 2
         assert "exit codes: 0 " in text
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_examples_hold_no_percent_sign(program):
-    # argparse turns two percent signs into one only where a text names %(prog)s, which the wheel replaces.
+    # argparse turns two percent signs into one only where a text names %(prog)s.
     for grammar in parsers(program):
-        assert "%" not in (grammar.epilog or "").replace("%(prog)s", "")
+        assert "%" not in (grammar.epilog or "")
 
 
 @pytest.mark.parametrize("program", PROGRAMS)

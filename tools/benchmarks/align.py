@@ -35,9 +35,6 @@ after one map was deformed."""
 COMPARISON_NOTES = """\
 By overlap: accepted and right. best place right: accepted or not. CPU s: median of a pair."""
 
-_OVERLAP_HEAD = tuple(f"{overlap} %" for overlap in OVERLAPS)
-_SUMMARY_HEAD = ("error m", "error deg", "in deviations", "CPU s", "most", "ambiguous", "bent")
-
 
 @dataclass(frozen=True)
 class PairResult:
@@ -136,40 +133,45 @@ def measure(path: Path, method: str) -> PairResult:
 
 def summary(results: Sequence[PairResult], method: str) -> ResultTable:
     """Return the table of correct alignments by overlap, and of false ones."""
-    head = ("method", "pairs", *_OVERLAP_HEAD, "wrong but accepted", "negatives accepted", *_SUMMARY_HEAD)
     true = [result for result in results if result.overlap is not None]
     right = [r for r in true if r.accepted and r.right]
     metres = [r.translation_error_m for r in right if r.translation_error_m is not None]
     degrees = [r.rotation_error_deg for r in right if r.rotation_error_deg is not None]
     surprises = [r.surprise for r in right if r.surprise is not None]
     cpu = [r.cpu_s for r in results]
-    cells = (
-        *(number(_median(metres), 3), number(_median(degrees), 2)),
-        f"{math.sqrt(statistics.fmean(surprises)):.2f}" if surprises else "-",
-        *(number(_median(cpu), 2), f"{max(cpu):.2f}"),
-        str(sum(r.ambiguous for r in results)),
-        str(sum(r.accepted and r.bent_m > 0.0 for r in results)),
-    )
-    return ResultTable(head, [[method, str(len(results)), *_by_overlap(true), *_false_accepts(results), *cells]])
+    row = {
+        "method": method,
+        "pairs": str(len(results)),
+        **_by_overlap(true),
+        **_false_accepts(results),
+        "error m": number(_median(metres), 3),
+        "error deg": number(_median(degrees), 2),
+        "in deviations": f"{math.sqrt(statistics.fmean(surprises)):.2f}" if surprises else "-",
+        "CPU s": number(_median(cpu), 2),
+        "most": f"{max(cpu):.2f}",
+        "ambiguous": str(sum(r.ambiguous for r in results)),
+        "bent": str(sum(r.accepted and r.bent_m > 0.0 for r in results)),
+    }
+    return ResultTable.of([row])
 
 
 def comparison(results: Mapping[str, Sequence[PairResult]]) -> ResultTable:
     """Return one table of several methods on the same pairs."""
-    head = (
-        *("method", *_OVERLAP_HEAD, "all", "wrong but accepted", "negatives accepted"),
-        *("best place right", "CPU s", "most"),
-    )
     rows = []
     for method, found in results.items():
         true = [result for result in found if result.overlap is not None]
         cpu = [r.cpu_s for r in found]
-        rows.append(
-            [
-                *(method, *_by_overlap(true), _share(true), *_false_accepts(found)),
-                *(str(sum(r.right for r in true)), number(_median(cpu), 2), f"{max(cpu):.2f}"),
-            ]
-        )
-    return ResultTable(head, rows)
+        row = {
+            "method": method,
+            **_by_overlap(true),
+            "all": _share(true),
+            **_false_accepts(found),
+            "best place right": str(sum(r.right for r in true)),
+            "CPU s": number(_median(cpu), 2),
+            "most": f"{max(cpu):.2f}",
+        }
+        rows.append(row)
+    return ResultTable.of(rows)
 
 
 def details(results: Sequence[PairResult]) -> str:
@@ -179,15 +181,18 @@ def details(results: Sequence[PairResult]) -> str:
     return text_table(["pair", "reason", "confidence", "best place"], rows) if rows else "all decisions are right"
 
 
-def _by_overlap(true: Sequence[PairResult]) -> list[str]:
-    return [_share([r for r in true if r.overlap == overlap]) for overlap in OVERLAPS]
+def _by_overlap(true: Sequence[PairResult]) -> dict[str, str]:
+    return {f"{overlap} %": _share([r for r in true if r.overlap == overlap]) for overlap in OVERLAPS}
 
 
-def _false_accepts(results: Sequence[PairResult]) -> tuple[str, str]:
+def _false_accepts(results: Sequence[PairResult]) -> dict[str, str]:
     """Return the numbers of false accepts, of pairs of one place and of pairs of different places."""
     negatives = [result for result in results if result.overlap is None]
     wrong = sum(r.accepted and not r.right for r in results if r.overlap is not None)
-    return str(wrong), f"{sum(r.accepted for r in negatives)} of {len(negatives)}"
+    return {
+        "wrong but accepted": str(wrong),
+        "negatives accepted": f"{sum(r.accepted for r in negatives)} of {len(negatives)}",
+    }
 
 
 def _share(results: Sequence[PairResult]) -> str:
@@ -205,8 +210,7 @@ def _median(values: Sequence[float]) -> float | None:
     return statistics.median(values) if values else None
 
 
-_WITHIN_M = 3.0
-"""Largest distance of robots that meet [m]."""
+_WITHIN_M = 3.0  # largest distance of robots that meet [m]
 
 
 def encounters_of(pair: KnownPair) -> list[Encounter]:

@@ -30,17 +30,12 @@ from tools.command_line.measurement_record import describe_machine, finish
 from tools.command_line.text_table import ResultTable, number, text_table
 from tools.map_pairs.placed_maps import joined_pairs, known_pair, maps_by_name, shuffled
 
-HEAD = (
-    *("buildings", "maps", "pairs", "aligned", "groups", "joined rightly %", "joined wrongly", "placed %"),
-    *("CPU s", "wall s", "peak MB"),
-)
 NOTES = """\
 Simulated maps of buildings, all merged at once. groups: groups of two maps or more. joined: pairs of maps in one group;
 a pair is right if the pose of the second map is within 0.5 m and 4 degrees of the truth. placed: maps in the largest
 group of their building. CPU s: of all processes of this machine; peak MB: of the merging process."""
 
-_SEEDS_APART = 100_000
-"""Difference between the building numbers of consecutive seeds."""
+_SEEDS_APART = 100_000  # difference between the building numbers of consecutive seeds
 
 
 @dataclass(frozen=True)
@@ -74,7 +69,7 @@ def benchmark_fleet(args: argparse.Namespace) -> None:
         in_fresh_process(run_fleet, size[0], size[1], args.seed, args.workers, args.scheduler, plot)
         for size, plot in zip(args.sizes, plots, strict=False)
     ]
-    table = ResultTable(HEAD, [_row(run) for run in runs])
+    table = ResultTable.of([_row(run) for run in runs])
     print(text_table(*table))
     print(NOTES)
     finish(args, machine, {"fleets": table}, {"fleets": runs})
@@ -145,30 +140,27 @@ def _cpu_s() -> float:
     return sum(os.times()[:4])
 
 
-def _row(run: FleetRun) -> list[str]:
-    return [
-        str(run.buildings),
-        str(run.maps),
-        str(run.maps * (run.maps - 1) // 2),
-        str(run.aligned),
-        str(run.groups),
-        number(100.0 * run.right / run.possible, 1) if run.possible else "-",
-        str(run.wrong),
-        number(100.0 * run.placed / run.maps, 1) if run.possible else "-",
-        number(run.cpu_s, 0),
-        number(run.wall_s, 0),
-        number(run.peak_memory_mb, 0),
-    ]
+def _row(run: FleetRun) -> dict[str, str]:
+    return {
+        "buildings": str(run.buildings),
+        "maps": str(run.maps),
+        "pairs": str(run.maps * (run.maps - 1) // 2),
+        "aligned": str(run.aligned),
+        "groups": str(run.groups),
+        "joined rightly %": number(100.0 * run.right / run.possible, 1) if run.possible else "-",
+        "joined wrongly": str(run.wrong),
+        "placed %": number(100.0 * run.placed / run.maps, 1) if run.possible else "-",
+        "CPU s": number(run.cpu_s, 0),
+        "wall s": number(run.wall_s, 0),
+        "peak MB": number(run.peak_memory_mb, 0),
+    }
 
 
-_FINER = 2
-"""Factor of oversampling."""
-_HEIGHT, _MARGIN = 672, 24
-"""Height of both pictures, and the margin around them [pixels]."""
+_FINER = 2  # factor of oversampling
+_HEIGHT, _MARGIN = 672, 24  # height of both pictures, and the margin around them [pixels]
 _RING, _NODE = 0.32, 0.045
 """Radius of the ring of a group's maps, and of a map's dot, in sides of the group's square."""
-_SURE = (0.3, 0.7)
-"""Probabilities of occupied that are drawn white and black."""
+_SURE = (0.3, 0.7)  # probabilities of occupied that are drawn white and black
 _WHITE, _FAINT, _ALONE, _UNSEEN = (255, 255, 255), (232, 232, 232), (150, 150, 150), 226
 _COLOURS = (
     (178, 114, 0),

@@ -23,11 +23,6 @@ from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
 from tools.map_pairs.known_pair import KnownPair
 
-HEAD = (
-    *("area m2", "cells", "features ms", "matching ms", "transform ms", "fusion ms", "sum ms", "CPU ms", "program ms"),
-    *("times faster", "by CPU", "align s", "right", "peak MB"),
-)
-
 NOTES = """\
 Two maps of a building overlap by half. features to CPU: the paper's chain at 0.1 m (keypoints and descriptors of both
 maps, matching, consensus, transform and disjunctive fusion), the shortest wall times of {repeat} runs, and the CPU time
@@ -43,8 +38,7 @@ _R = TypeVar("_R")
 
 _PAPER_RESOLUTION = 0.1
 _WARM_UP_M2 = 300.0
-_CANVAS_SHARE = 0.42
-"""Approximate area of the floor as a share of the canvas of two rotated maps."""
+_CANVAS_SHARE = 0.42  # approximate area of the floor as a share of the canvas of two rotated maps
 _TRIES, _NEAR_ENOUGH = 4, 0.1
 """Number of attempts to make a floor whose canvas has the requested area, and the relative tolerance."""
 _OVERLAP = 0.5
@@ -81,7 +75,7 @@ def benchmark_merge(args: argparse.Namespace) -> None:
     for area in args.areas:
         say(f"benchmark: {area:g} m2")
         runs.append(in_fresh_process(run_merge, area, args.resolution, args.repeat))
-    table = ResultTable(HEAD, [_row(run) for run in runs])
+    table = ResultTable.of([_row(run) for run in runs])
     print(text_table(*table))
     print(NOTES.format(repeat=args.repeat, resolution=args.resolution))
     finish(args, machine, {"areas": table}, {"runs": runs})
@@ -140,16 +134,21 @@ def _quickest(call: Callable[[], _R], repeat: int) -> tuple[_R, float, float]:
     return result, 1e3 * least, 1e3 * least_cpu
 
 
-def _row(run: MergeRun) -> list[str]:
+def _row(run: MergeRun) -> dict[str, str]:
     theirs = float(np.interp(run.area_m2, _PROGRAM_M2, _PROGRAM_MS))
-    steps = (run.features_ms, run.matching_ms, run.transform_ms, run.fusion_ms, run.sum_ms, run.cpu_ms, theirs)
-    return [
-        number(run.area_m2, 0),
-        str(run.cells),
-        *(number(step, 1) for step in steps),
-        number(theirs / run.sum_ms, 1),
-        number(theirs / run.cpu_ms, 1),
-        number(run.align_cpu_s, 2),
-        "yes" if run.is_right else "no",
-        number(run.peak_memory_mb, 0),
-    ]
+    return {
+        "area m2": number(run.area_m2, 0),
+        "cells": str(run.cells),
+        "features ms": number(run.features_ms, 1),
+        "matching ms": number(run.matching_ms, 1),
+        "transform ms": number(run.transform_ms, 1),
+        "fusion ms": number(run.fusion_ms, 1),
+        "sum ms": number(run.sum_ms, 1),
+        "CPU ms": number(run.cpu_ms, 1),
+        "program ms": number(theirs, 1),
+        "times faster": number(theirs / run.sum_ms, 1),
+        "by CPU": number(theirs / run.cpu_ms, 1),
+        "align s": number(run.align_cpu_s, 2),
+        "right": "yes" if run.is_right else "no",
+        "peak MB": number(run.peak_memory_mb, 0),
+    }

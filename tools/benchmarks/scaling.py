@@ -17,11 +17,6 @@ from tools.command_line.measurement_record import describe_machine, finish
 from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
 
-HEAD = (
-    *("route", "preset", "drive m", "scans", "seen m2", "box m2", "cell m"),
-    *("scan us", "last us", "finish us", "driven MB", "peak MB", "ATE m"),
-)
-
 NOTES = """\
 round: around one block repeatedly; spiral: outwards, nothing is seen twice. CPU microseconds per scan of the
 whole drive, of its last quarter, and of the end (closing loops, rendering). With thousands of keyframes, loops are also
@@ -66,12 +61,12 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
             runs.append(in_fresh_process(run_scaling, preset_name, route, length, args.beams))
         except MeasurementError as error:
             failures.append(f"{label}: {error}")
-    rows = [_row(run) for run in runs]
-    print(text_table(HEAD, rows))
+    table = ResultTable.of([_row(run) for run in runs])
+    print(text_table(*table))
     print(NOTES)
     for failure in failures:
         print(failure)
-    finish(args, machine, {"drives": ResultTable(HEAD, rows)}, {"runs": runs, "failures": failures})
+    finish(args, machine, {"drives": table}, {"runs": runs, "failures": failures})
 
 
 def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate: float = _SCAN_RATE) -> ScalingRun:
@@ -112,24 +107,23 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
     )
 
 
-def _row(run: ScalingRun) -> list[str]:
-    costs = (run.scan_us, run.last_quarter_us, run.finishing_us)
-    return [
-        run.route,
-        run.preset,
-        number(run.length_m, 0),
-        str(run.scans),
-        number(run.seen_m2, 0),
-        number(run.box_m2, 0),
-        number(run.cell_m, 2),
-        *(number(cost, 0) for cost in costs),
-        number(run.driven_memory_mb, 0),
-        number(run.peak_memory_mb, 0),
-        number(run.ate_m, 3),
-    ]
+def _row(run: ScalingRun) -> dict[str, str]:
+    return {
+        "route": run.route,
+        "preset": run.preset,
+        "drive m": number(run.length_m, 0),
+        "scans": str(run.scans),
+        "seen m2": number(run.seen_m2, 0),
+        "box m2": number(run.box_m2, 0),
+        "cell m": number(run.cell_m, 2),
+        "scan us": number(run.scan_us, 0),
+        "last us": number(run.last_quarter_us, 0),
+        "finish us": number(run.finishing_us, 0),
+        "driven MB": number(run.driven_memory_mb, 0),
+        "peak MB": number(run.peak_memory_mb, 0),
+        "ATE m": number(run.ate_m, 3),
+    }
 
-
-LIMITS_HEAD = ("what", "drive", "scans", "seen m2", "box m2", "CPU s", "peak MB", "ATE m", "within 2000 MB")
 
 _PROMISED_MB = 2000.0
 _SPEED = 0.455  # [m/s], of `EndlessDrive` round a block, corners and all
@@ -160,24 +154,24 @@ def benchmark_limits(args: argparse.Namespace) -> None:
         try:
             run = in_fresh_process(run_scaling, "default", limit.route, length, _BEAMS, limit.rate)
         except MeasurementError as error:
-            rows.append([limit.name, f"{length:.0f} m", *["-"] * 6, f"no: {error}"])
+            rows.append(_limit_row(limit.name, length, None, f"no: {error}"))
             continue
         runs.append({"name": limit.name, **dataclasses.asdict(run)})
-        rows.append(_limit_row(limit.name, run))
-    print(text_table(LIMITS_HEAD, rows))
-    finish(args, machine, {"limits": ResultTable(LIMITS_HEAD, rows)}, {"runs": runs})
+        rows.append(_limit_row(limit.name, length, run, "yes" if run.peak_memory_mb <= _PROMISED_MB else "NO"))
+    table = ResultTable.of(rows)
+    print(text_table(*table))
+    finish(args, machine, {"limits": table}, {"runs": runs})
 
 
-def _limit_row(name: str, run: ScalingRun) -> list[str]:
-    seconds = (run.scan_us + run.finishing_us) * run.scans / 1e6
-    return [
-        name,
-        f"{run.length_m:.0f} m",
-        str(run.scans),
-        number(run.seen_m2, 0),
-        number(run.box_m2, 0),
-        number(seconds, 0),
-        number(run.peak_memory_mb, 0),
-        number(run.ate_m, 3),
-        "yes" if run.peak_memory_mb <= _PROMISED_MB else "NO",
-    ]
+def _limit_row(name: str, length: float, run: ScalingRun | None, verdict: str) -> dict[str, str]:
+    return {
+        "what": name,
+        "drive": f"{length:.0f} m",
+        "scans": str(run.scans) if run else "-",
+        "seen m2": number(run.seen_m2 if run else None, 0),
+        "box m2": number(run.box_m2 if run else None, 0),
+        "CPU s": number((run.scan_us + run.finishing_us) * run.scans / 1e6 if run else None, 0),
+        "peak MB": number(run.peak_memory_mb if run else None, 0),
+        "ATE m": number(run.ate_m if run else None, 3),
+        "within 2000 MB": verdict,
+    }

@@ -153,13 +153,6 @@ def _errors(spec: RecordingSpec, drive: Drive) -> dict[str, float | None]:
 LOST_M = 0.5
 """A drive with a larger error is lost."""
 
-HEAD = (
-    *("recording", "preset", "scans", "beams", "read/s", "finish/s", "scans/s"),
-    *("times real time", "peak MB", "mean error m", "mean error deg", "ATE m", "keyframes"),
-)
-
-SEEDS_HEAD = ("worlds", "preset", "seeds", f"lost (ATE above {LOST_M} m)", "median ATE m", "worst ATE m", "worst drive")
-
 NOTES = f"""\
 scans/s: scans per CPU second of the process without reading. read/s, finish/s: scans per CPU second of this part
 (finish: closing loops and rendering). times real time: duration of the recording divided by the wall time,
@@ -197,12 +190,12 @@ def benchmark_slam(args: argparse.Namespace) -> None:
                 say(f"benchmark: warm-up: {entry.name} {name}")
                 in_fresh_process(run_slam, entry.spec, name)
         results += [_measured(entry, name, args.repeat) for name in args.preset]
-    rows = [_row(result) for result in results]
-    print(text_table(HEAD, rows))
+    drives = ResultTable.of([_row(result) for result in results])
+    print(text_table(*drives))
     print(NOTES + (f" Medians of {args.repeat} runs." if args.repeat > 1 else ""))
     if (seeds := seeds_table(results)).rows:
         print(text_table(*seeds))
-    tables = {"drives": ResultTable(HEAD, rows), "seeds": seeds, **by_preset(results)}
+    tables = {"drives": drives, "seeds": seeds, **by_preset(results)}
     finish(args, machine, tables, {"results": results})
 
 
@@ -228,8 +221,17 @@ def seeds_table(results: Sequence[Result]) -> ResultTable:
         middle = statistics.median(error for error, _ in errors)
         lost = sum(error > LOST_M for error, _ in errors)
         if len(errors) > 1:
-            rows.append([family, preset_name, str(len(errors)), str(lost), number(middle, 4), number(worst, 4), name])
-    return ResultTable(SEEDS_HEAD, rows)
+            row = {
+                "worlds": family,
+                "preset": preset_name,
+                "seeds": str(len(errors)),
+                f"lost (ATE above {LOST_M} m)": str(lost),
+                "median ATE m": number(middle, 4),
+                "worst ATE m": number(worst, 4),
+                "worst drive": name,
+            }
+            rows.append(row)
+    return ResultTable.of(rows)
 
 
 def by_preset(results: Sequence[Result]) -> dict[str, ResultTable]:
@@ -262,22 +264,23 @@ def _measured(entry: Entry, preset_name: str, repeat: int) -> Result:
     return Result(entry.name, preset_name, median_run(runs), tuple(runs), entry.family)
 
 
-def _row(result: Result) -> list[str]:
+def _row(result: Result) -> dict[str, str]:
     run = result.median
-    parts = (run.reading_s, run.finishing_s, run.mapping_s)
-    return [
-        result.recording,
-        result.preset,
-        str(run.scans),
-        str(run.beams),
-        *(_rate(run.scans, seconds) for seconds in parts),
-        number(run.duration_s / run.wall_s, 0),
-        number(run.peak_memory_mb, 0),
-        number(run.translation_error_m, 4),
-        number(run.rotation_error_deg, 3),
-        number(run.ate_m, 4),
-        str(run.keyframes),
-    ]
+    return {
+        "recording": result.recording,
+        "preset": result.preset,
+        "scans": str(run.scans),
+        "beams": str(run.beams),
+        "read/s": _rate(run.scans, run.reading_s),
+        "finish/s": _rate(run.scans, run.finishing_s),
+        "scans/s": _rate(run.scans, run.mapping_s),
+        "times real time": number(run.duration_s / run.wall_s, 0),
+        "peak MB": number(run.peak_memory_mb, 0),
+        "mean error m": number(run.translation_error_m, 4),
+        "mean error deg": number(run.rotation_error_deg, 3),
+        "ATE m": number(run.ate_m, 4),
+        "keyframes": str(run.keyframes),
+    }
 
 
 def _error(run: SlamRun) -> str:

@@ -33,11 +33,6 @@ from tools.map_pairs.known_pair import KnownPair
 from tools.mapping.truth_file import NAME as TRUTH_FILE
 from tools.mapping.truth_file import read_truth_file
 
-HEAD = (
-    *("recording", "robots", "merged", "pairs", "near enough", "worst m", "worst deg", "as undivided %"),
-    *("or beside %", "undivided turned %", "undivided again %", "merging CPU s"),
-)
-
 NOTES = """\
 Each recording is cut into robots with random frames, and their maps are merged. pairs: pairs that share a
 quarter of the smaller map's free space or more. near enough: pairs whose relative pose is within 0.2 m, in the middle
@@ -90,15 +85,15 @@ def benchmark_split(args: argparse.Namespace) -> None:
                 say(f"benchmark: {text}, {robots} robots")
                 in_fresh_process(cut, text, robots, parts / str(robots))
                 runs.append(in_fresh_process(run_split, text, parts / str(robots), whole, again))
-    rows = [_row(run) for run in runs]
-    print(text_table(HEAD, rows))
+    table = ResultTable.of([_row(run) for run in runs])
+    print(text_table(*table))
     for run in runs:
         for name, reason in run.left_out.items():
             print(f"{run.recording}, {run.robots} robots: {name} was left out: {reason}")
         if run.truth_doubt is not None:
             print(f"{run.recording}, {run.robots} robots: {TRUTH_FILE} {run.truth_doubt}")
     print(NOTES)
-    finish(args, describe_machine(), {"robots": ResultTable(HEAD, rows)}, {"runs": runs})
+    finish(args, describe_machine(), {"robots": table}, {"runs": runs})
 
 
 def cut(text: str, robots: int, out: Path) -> None:
@@ -190,17 +185,24 @@ def pose_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
     return fit_rigid(target, source)[0]
 
 
-def _row(run: SplitRun) -> list[str]:
+def _row(run: SplitRun) -> dict[str, str]:
     errors = [error for *_, error in run.pairs if error is not None]
     near = sum(metres <= _NEAR_M and degrees <= _NEAR_DEG for metres, degrees in errors)
     worst = [max(values) if errors else None for values in zip(*errors, strict=True)] or [None, None]
-    return [
-        run.recording,
-        str(run.robots),
-        str(len(run.merged)),
-        str(len(run.pairs)),
-        str(near),
-        *(number(value, digits) for value, digits in zip(worst, (3, 2), strict=True)),
-        *(number(share and 100.0 * share, 1) for share in (run.agree, run.agree_nearby, run.turned, run.again)),
-        number(run.merge_cpu_s, 1),
-    ]
+    agreements = {
+        "as undivided %": run.agree,
+        "or beside %": run.agree_nearby,
+        "undivided turned %": run.turned,
+        "undivided again %": run.again,
+    }
+    return {
+        "recording": run.recording,
+        "robots": str(run.robots),
+        "merged": str(len(run.merged)),
+        "pairs": str(len(run.pairs)),
+        "near enough": str(near),
+        "worst m": number(worst[0], 3),
+        "worst deg": number(worst[1], 2),
+        **{name: number(share and 100.0 * share, 1) for name, share in agreements.items()},
+        "merging CPU s": number(run.merge_cpu_s, 1),
+    }

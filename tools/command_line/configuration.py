@@ -7,9 +7,8 @@ from typing import Self
 
 from datasets import RecordingOptions
 from merging.config import PAPER, MergeConfig
-from tbmslam.configuration.parameters import changed, parse_setting
+from tbmslam.configuration.parameters import changed, config_text, parse_setting
 from tbmslam.configuration.slam_config import ConfigError, SlamConfig, preset
-from tbmslam.configuration.toml_text import config_text
 from tbmslam.special_file import why_unreadable
 
 _PAPER, _PAPER_SLAM = "paper", "viny"

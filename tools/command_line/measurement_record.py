@@ -44,8 +44,7 @@ def _processor() -> str:
     return platform.processor() or "unknown"
 
 
-_CODE = ("tbmslam", "merging", "datasets", "tools")
-"""Folders whose code affects the figures."""
+_CODE = ("tbmslam", "merging", "datasets", "tools")  # folders whose code affects the figures
 _ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -83,8 +83,7 @@ def one_line(error: Exception) -> str:
 
 
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
-_NO_ROOM = "failed to map segment"
-"""The system's message if memory is too small to load a library."""
+_NO_ROOM = "failed to map segment"  # the system's message if memory is too small to load a library
 
 
 def run_program(
@@ -167,13 +166,6 @@ def typed_command(program: str, arguments: Sequence[str] | None) -> str:
     return shlex.join(sys.orig_argv if arguments is None else [*program.split(), *arguments])
 
 
-def examples(text: str, program: str) -> str:
-    """Return the examples for the form of the call: as a file of the source tree, or installed."""
-    if " " in program:  # a command of the installed tbmslam
-        text = text.replace("python tools/%(prog)s.py", "%(prog)s")
-    return text.replace("%(prog)s", program)
-
-
 _EXIT_CODES = "exit codes: "
 _USUAL_CODES = f"\n{_EXIT_CODES}0 done, 1 error, described in one line, 2 wrong usage, 130 interrupted\n"
 
@@ -187,8 +179,8 @@ class ProgramParser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
-        if self.epilog:
-            self.epilog = examples(self.epilog if _EXIT_CODES in self.epilog else self.epilog + _USUAL_CODES, self.prog)
+        if self.epilog and _EXIT_CODES not in self.epilog:
+            self.epilog += _USUAL_CODES
         self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$", re.IGNORECASE)
 
     def error(self, message: str) -> NoReturn:

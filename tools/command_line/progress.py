@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 
 _ANNOUNCEMENT = "compiling for this machine: a minute or two, the first time only"
-_LONG_S = 5.0
-"""Time of compilation after which a log is told, too. A terminal is told at once."""
+_LONG_S = 5.0  # time of compilation after which a log is told, too. A terminal is told at once
 _COUNTING = "{desc}: {n_fmt}/{total_fmt}{unit}{postfix}"
 """A bar while functions are compiled: the rate and the remaining time say nothing yet."""
 

@@ -1,7 +1,7 @@
 """Tables of printed cells as text."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Self
 
 
 class ResultTable(NamedTuple):
@@ -9,6 +9,11 @@ class ResultTable(NamedTuple):
 
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
+
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, str]]) -> Self:
+        """Return the table of rows that hold their cells by the names of the columns."""
+        return cls(list(rows[0]) if rows else [], [list(row.values()) for row in rows])
 
 
 def text_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -20,8 +20,7 @@ from datasets.synthetic.map_pairs.pairs import (
 from tbmslam.belief.grid import TbmGrid, walls_and_free
 
 _OF_ONE = re.compile(r"(crop_(?P<building>.+?)(_\d+)?_\d{3})|(negs_(?P<same>[a-z].*?)_\d+)")
-_VARIANT = r"(part\d+)?(mir)*"
-"""Names of parts and mirror images, which are of the same building."""
+_VARIANT = r"(part\d+)?(mir)*"  # names of parts and mirror images, which are of the same building
 
 
 def floors_of(names: Iterable[str]) -> dict[str, frozenset[str]]:
@@ -49,10 +48,8 @@ def _plain(name: str) -> str:
     return name.replace("_", "-")
 
 
-_SMALL_M = 1.0
-"""Objects shorter than this are removed from a real floor, since a distortion adds others."""
-_LEAST_M2, _MOST_M2 = 30.0, 250.0
-"""Least and largest area of the parts of floors [m^2]."""
+_SMALL_M = 1.0  # objects shorter than this are removed from a real floor, since a distortion adds others
+_LEAST_M2, _MOST_M2 = 30.0, 250.0  # least and largest area of the parts of floors [m^2]
 
 
 def floor_of_grid(name: str, grid: TbmGrid) -> Building:

@@ -26,8 +26,7 @@ from tools.mapping.task import MappingTask, Shelf, finished
 
 _ENDINGS = re.compile(r"\.(gz|bz2|xz|zst|zstd|bag|mcap|db3|log|clf|active)$", re.IGNORECASE)
 _UNSAFE = re.compile(r"[^\w-]+")
-_LONGEST = 60
-"""Largest length of a name: file systems allow 255 bytes, and names are shown in tables."""
+_LONGEST = 60  # largest length of a name: file systems allow 255 bytes, and names are shown in tables
 _RESERVED = re.compile(r"(con|prn|aux|nul|(com|lpt)[\d¹²³])", re.IGNORECASE)
 """Names that Windows reserves for devices. (A name that begins with `-` looks like an option.)"""
 

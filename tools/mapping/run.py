@@ -25,7 +25,6 @@ from tbmslam.report.maps_page import MappedRobot, maps_page
 from tbmslam.report.page import RunInfo, downloads
 from tbmslam.report.rerun_viewer import RerunViewer
 from tbmslam.slam import Slam
-from tbmslam.special_file import why_unreadable
 from tools.command_line.checksums import changed_files, write_checksums
 from tools.command_line.configuration import Configuration
 from tools.command_line.extra_files import check_extra_files, write_extra_files
@@ -34,7 +33,7 @@ from tools.command_line.output_folder import OutputError, output_folder
 from tools.command_line.paths import map_folders
 from tools.command_line.progress import ProgressBars
 from tools.mapping.plan import plan_mapping
-from tools.mapping.task import Mapped, MappingTask, Shelf, finished, map_robot
+from tools.mapping.task import Mapped, MappingTask, Shelf, earlier_record, finished, map_robot
 from tools.mapping.truth_file import GIVEN, NAME, OWN_MAP, read_truth_file
 
 logger = logging.getLogger(__name__)
@@ -79,8 +78,7 @@ def _map_elsewhere(task: MappingTask) -> Mapped:
     return Mapped(made.run, made.summary, made.seconds)
 
 
-_MERGE_REPORT = "report.json"
-"""File that marks the folder of a merged map."""
+_MERGE_REPORT = "report.json"  # file that marks the folder of a merged map
 
 
 def build_maps(args: argparse.Namespace, config: Configuration, command: str) -> None:
@@ -190,8 +188,7 @@ def _refuse_stale_robots(out: Path, names: Sequence[str]) -> None:
         raise OutputError(f"{out} holds {shown} of another run: remove it or choose another folder with -o")
 
 
-_WHOLE = "whole recording, for truth.json"
-"""Name of the reference in the list of warnings."""
+_WHOLE = "whole recording, for truth.json"  # name of the reference in the list of warnings
 
 
 class _Reference(NamedTuple):
@@ -217,7 +214,7 @@ def write_truth(
     """
     depends_on = [[task.fingerprint() for task, _ in made], file_digests(references.values())]
     fingerprint = hashlib.sha256(json.dumps(depends_on).encode()).hexdigest()
-    if _written(path) == fingerprint:
+    if earlier_record(path).get("fingerprint") == fingerprint:
         return
     robots: dict[str, object] = {}
     known: dict[tuple[Path, ...], _Reference] = {}
@@ -246,16 +243,6 @@ def write_truth(
         "fingerprint": fingerprint,
     }
     write_text(path, json.dumps(record, indent=2) + "\n")
-
-
-def _written(path: Path) -> str | None:
-    try:
-        if why_unreadable(path):
-            return None
-        record = json.loads(path.read_text(encoding="utf-8"))
-        return str(record["fingerprint"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
 
 
 def _reference(

@@ -171,14 +171,18 @@ def finished(task: MappingTask) -> Mapped | None:
 
     None if the map is unfinished, of other inputs, or if its files were changed.
     """
-    try:
-        if why_unreadable(task.folder / "run.json"):
-            return None
-        run = json.loads((task.folder / "run.json").read_text(encoding="utf-8"))
-        is_same = run["fingerprint"] == task.fingerprint()
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
+    run = earlier_record(task.folder / "run.json")
+    is_same = run.get("fingerprint") == task.fingerprint()
     return Mapped(run) if is_same and changed_files(task.folder) == [] else None
+
+
+def earlier_record(path: Path) -> Mapping[str, object]:
+    """Return the JSON object that an earlier run wrote; empty if there is none that can be read."""
+    try:
+        record = None if why_unreadable(path) else json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return record if isinstance(record, dict) else {}
 
 
 def _readings(task: MappingTask, recording: Recording) -> Iterable[Reading]:

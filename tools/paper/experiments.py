@@ -11,9 +11,6 @@ from datasets.synthetic.map_pairs.pairs import building_of_area, cut_pairs
 from merging import merge
 from merging.config import PAPER, MergeConfig
 from merging.config.registration import FeatureConfig
-from merging.experiments.detectors import DetectorResult, Study, Variant, compare_detectors, compare_modifications
-from merging.experiments.map_pair import Halves, MapPair, fuse_halves
-from merging.experiments.transforms import DurationResult, TransformResult, measure_durations, measure_transforms
 from merging.fusion import canvas_over, offset_in, window_over
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.errors import TbmSlamError
@@ -24,6 +21,9 @@ from tools.command_line.measurement_record import describe_machine
 from tools.map_pairs.known_pair import KnownPair
 from tools.mapping.truth_file import NAME as TRUTH_FILE
 from tools.mapping.truth_file import read_truth_file
+from tools.paper.detectors import DetectorResult, Study, Variant, compare_detectors, compare_modifications
+from tools.paper.map_pair import Halves, MapPair, fuse_halves
+from tools.paper.transforms import DurationResult, TransformResult, measure_durations, measure_transforms
 
 logger = logging.getLogger(__name__)
 

@@ -156,8 +156,7 @@ def _place_in_corridors(plan: FloorPlan, outer: Rectangle, core: Rectangle, rng:
 _WALL = 0.2
 _VISITED = 0.12
 """Share of the rooms that robots visit. The long corridors between them make a large building difficult."""
-_STEP = 7.0
-"""Distance between visited places along a corridor [m]."""
+_STEP = 7.0  # distance between visited places along a corridor [m]
 
 
 def draw_hospital(rng: np.random.Generator) -> FloorPlan:

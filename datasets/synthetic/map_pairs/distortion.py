@@ -18,16 +18,11 @@ Marks = npt.NDArray[np.uint8]
 """States of cells: 0 unknown, 1 free, 2 wall."""
 
 _FREE, _WALL = 1, 2
-_SMALL_M = 1.5
-"""Largest length of a movable object [m]."""
-_FARTHEST_M = 0.5
-"""Distance from the known cells beyond which other cells are left out [m]."""
-_MARGIN = 12
-"""Margin of unknown cells around a distorted map."""
-_STEPS = 8
-"""Iterations that invert the displacement of a point; each leaves a tenth of the error."""
-_MOST_RMS = 4.0
-"""Largest displacement in units of its root mean square."""
+_SMALL_M = 1.5  # largest length of a movable object [m]
+_FARTHEST_M = 0.5  # distance from the known cells beyond which other cells are left out [m]
+_MARGIN = 12  # margin of unknown cells around a distorted map
+_STEPS = 8  # iterations that invert the displacement of a point; each leaves a tenth of the error
+_MOST_RMS = 4.0  # largest displacement in units of its root mean square
 
 
 Field = Callable[[FloatArray], FloatArray]

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.map_pairs.distortion import DistortedMap, Distortion, Draw
-from datasets.synthetic.world.world import CorridorLattice, World
+from datasets.synthetic.world.world import CorridorLattice, World, graph_of_cells
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2
@@ -22,10 +22,8 @@ Occupancy = npt.NDArray[np.int8]
 OVERLAPS = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
 """Overlaps to draw from, as shares of the smaller map's free cells that both maps know."""
 
-_STRAIGHT_M = 0.1
-"""Deformation beyond which the relative pose is fitted in the overlap of two maps [m]."""
-_COARSE = 4
-"""Side of the blocks in which distances through a building are measured [cells]."""
+_STRAIGHT_M = 0.1  # deformation beyond which the relative pose is fitted in the overlap of two maps [m]
+_COARSE = 4  # side of the blocks in which distances through a building are measured [cells]
 
 
 @dataclass(frozen=True)
@@ -203,10 +201,8 @@ def _distances_from_far_ends(
     rows, cols = (-(-size // _COARSE) * _COARSE for size in free.shape)
     padded = np.zeros((rows, cols), dtype=np.bool_)
     padded[: free.shape[0], : free.shape[1]] = free
-    blocks = padded.reshape(rows // _COARSE, _COARSE, cols // _COARSE, _COARSE).any(axis=(1, 3))
-    index = np.full(blocks.shape, -1)
-    index[blocks] = np.arange(np.count_nonzero(blocks))
-    graph = _neighbours(index)
+    blocks = np.asarray(padded.reshape(rows // _COARSE, _COARSE, cols // _COARSE, _COARSE).any(axis=(1, 3)))
+    graph = graph_of_cells(blocks, np.ones(blocks.shape))
     _, regions = connected_components(graph, directed=False)
     largest = np.flatnonzero(regions == np.bincount(regions).argmax())
     somewhere = int(rng.choice(largest))
@@ -220,23 +216,6 @@ def _distances_from_far_ends(
         fine = np.repeat(np.repeat(image, _COARSE, axis=0), _COARSE, axis=1)[: free.shape[0], : free.shape[1]]
         distances.append(np.where(free, fine, np.inf))
     return distances[0], distances[1]
-
-
-def _neighbours(index: npt.NDArray[np.int64]) -> sparse.csr_array:
-    """Return the graph of the blocks (rows, cols) that touch at edges or corners."""
-    pairs, lengths = [], []
-    for (first, second), length in (
-        ((np.s_[:, :-1], np.s_[:, 1:]), 1.0),
-        ((np.s_[:-1], np.s_[1:]), 1.0),
-        ((np.s_[:-1, :-1], np.s_[1:, 1:]), 2.0**0.5),
-        ((np.s_[1:, :-1], np.s_[:-1, 1:]), 2.0**0.5),
-    ):
-        both = np.column_stack((index[first].ravel(), index[second].ravel()))
-        both = both[(both >= 0).all(axis=1)]
-        pairs.append(both)
-        lengths.append(np.full(len(both), length))
-    edges, count = np.concatenate(pairs), int(index.max()) + 1
-    return sparse.csr_array((np.concatenate(lengths), (edges[:, 0], edges[:, 1])), shape=(count, count))
 
 
 def _lengths_from(graph: sparse.csr_array, block: int) -> npt.NDArray[np.float64]:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import ndimage, sparse, spatial
+from scipy import ndimage, spatial
 from scipy.sparse import csgraph
 
-from datasets.synthetic.world.world import World
+from datasets.synthetic.world.world import World, graph_of_cells
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.belief.masses import FREE
 from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray, IntArray
@@ -17,8 +17,6 @@ from tbmslam.geometry.trajectory import Trajectory
 
 COMFORTABLE = 1.0
 """Least clearance at which a path costs its length [m]."""
-
-_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ class RoadMap:
             preferences = ndimage.gaussian_filter(rng.standard_normal(clearance.shape), 6.0)
             cost *= np.exp(0.5 * preferences / preferences.std())
         self._tree = spatial.KDTree(self.points)
-        self._graph = _graph(drivable, cost * g.resolution * step)
+        self._graph = graph_of_cells(drivable, cost * g.resolution * step)
 
     def nearest(self, points: FloatArray) -> IntArray:
         """Return the node (N,) nearest to each of points (N, 2)."""
@@ -89,24 +87,6 @@ class RoadMap:
 def _largest_region(mask: BoolArray) -> BoolArray:
     regions, _ = ndimage.label(mask)
     return np.asarray(regions == np.bincount(regions.ravel())[1:].argmax() + 1)
-
-
-def _graph(drivable: BoolArray, cost: FloatArray) -> sparse.csr_array:
-    """Join drivable cells to their eight neighbours; an edge costs the mean of both cells times its length."""
-    number = np.full(drivable.shape, -1)
-    number[drivable] = np.arange(int(drivable.sum()))
-    starts, ends, weights = [], [], []
-    for rows, cols in _NEIGHBOURS:
-        height, width = drivable.shape[0] - rows, drivable.shape[1] - abs(cols)
-        here = (slice(0, height), slice(max(0, -cols), max(0, -cols) + width))
-        there = (slice(rows, rows + height), slice(max(0, cols), max(0, cols) + width))
-        both = drivable[here] & drivable[there]
-        starts.append(number[here][both])
-        ends.append(number[there][both])
-        weights.append((cost[here][both] + cost[there][both]) / 2.0 * np.hypot(rows, cols))
-    nodes = int(drivable.sum())
-    edges = (np.concatenate(starts), np.concatenate(ends))
-    return sparse.csr_array((np.concatenate(weights), edges), shape=(nodes, nodes))
 
 
 RATE = 50.0
@@ -179,8 +159,7 @@ AVERAGE_SPEED = 0.67
 """Mean speed of a drive as a share of the largest speed; turns and doors cost time."""
 
 
-_MOST_ROBOTS = 1000
-"""Limit of memory: all robots are simulated before the first is written."""
+_MOST_ROBOTS = 1000  # limit of memory: all robots are simulated before the first is written
 
 COST_PER_METRE = 1.2
 """Approximate cost of a metre in a road map."""

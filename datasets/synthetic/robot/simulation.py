@@ -173,8 +173,7 @@ def poses_at(trajectory: Trajectory, stamps: FloatArray) -> FloatArray:
     return np.array(poses).reshape(-1, 3)
 
 
-_SOURCE = "the simulated world, ground truth"
-"""Kind of the file; truth files of build_maps have the same name."""
+_SOURCE = "the simulated world, ground truth"  # kind of the file; truth files of build_maps have the same name
 
 
 def write_truth(

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+from scipy import ndimage, sparse
 
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.errors import TbmSlamError
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray
 from tbmslam.io.atomic_file import replacing
 from tbmslam.map.map_check import MAX_CELLS
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
@@ -96,13 +96,13 @@ def load_world(path: Path) -> World:
     file = path / "world.npz" if path.is_dir() else path
     try:
         if why := why_unreadable(file):
-            raise WorldError(f"{file} {why}; make a world with tools/make_world.py")
+            raise WorldError(f"{file} {why}; make a world with `tbmslam world`")
         with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             walls = np.asarray(arrays["walls"], dtype=np.float64)
             places = np.asarray(arrays["places"], dtype=np.float64)
             return World(str(arrays["name"]), int(arrays["seed"]), walls, places)
     except (OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-        raise WorldError(f"{file} is not a world: {error}; make one with tools/make_world.py") from error
+        raise WorldError(f"{file} is not a world: {error}; make one with `tbmslam world`") from error
 
 
 def _covering(bounds: tuple[float, float, float, float], cells: GridGeometry, margin: float) -> GridGeometry:
@@ -197,3 +197,27 @@ def _quarter_turn(times: int) -> FloatArray:
     """Return the matrix that rotates row vectors counter-clockwise by a number of quarter turns."""
     cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[times]
     return np.array([[cosine, sine], [-sine, cosine]])
+
+
+_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+def graph_of_cells(drivable: BoolArray, cost: FloatArray) -> sparse.csr_array:
+    """Return the graph of the true cells (rows, cols), row by row, with edges to their eight neighbours.
+
+    An edge costs the mean of both cells times its length in cells.
+    """
+    number = np.full(drivable.shape, -1)
+    number[drivable] = np.arange(int(drivable.sum()))
+    starts, ends, weights = [], [], []
+    for rows, cols in _NEIGHBOURS:
+        height, width = drivable.shape[0] - rows, drivable.shape[1] - abs(cols)
+        here = (slice(0, height), slice(max(0, -cols), max(0, -cols) + width))
+        there = (slice(rows, rows + height), slice(max(0, cols), max(0, cols) + width))
+        both = drivable[here] & drivable[there]
+        starts.append(number[here][both])
+        ends.append(number[there][both])
+        weights.append((cost[here][both] + cost[there][both]) / 2.0 * np.hypot(rows, cols))
+    nodes = int(drivable.sum())
+    edges = (np.concatenate(starts), np.concatenate(ends))
+    return sparse.csr_array((np.concatenate(weights), edges), shape=(nodes, nodes))

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from tbmslam.belief.grid import GridGeometry, TbmGrid, occupancy_of
 from tbmslam.belief.grid_resampling import PlacedGrid
 from tbmslam.belief.masses import UNKNOWN
-from tbmslam.belief.sparse_zeros import sparse_zeros
-from tbmslam.belief.tiled_masses import SIDE, TiledMasses, vacuous_masses
+from tbmslam.belief.tiled_masses import SIDE, TiledMasses, sparse_zeros, vacuous_masses
 from tbmslam.geometry.se2 import SE2
 
 

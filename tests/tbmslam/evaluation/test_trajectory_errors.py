@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from tbmslam.evaluation.trajectory_errors import (
     ErrorStatistics,
     TrajectoryAlignmentError,
-    absolute_errors,
     align_trajectories,
     fit_rigid,
     relative_errors,
@@ -124,7 +123,7 @@ def test_ate_is_evos(seed, tmp_path):
     other.align(reference, correct_scale=False)
     ape = metrics.APE(metrics.PoseRelation.translation_part)
     ape.process_data((reference, other))
-    absolute = absolute_errors(truth, estimate)
+    absolute = align_trajectories(truth, estimate)
     assert list(vars(ErrorStatistics.of(absolute.errors_m)).values()) == approximately(all_figures(ape))
     assert absolute.unmatched == len(estimate) - other.num_poses
     np.testing.assert_allclose(absolute.points, other.positions_xyz[:, :2], atol=1e-5)
@@ -160,7 +159,7 @@ def test_steps_of_time():
 def test_a_perfect_estimate_in_another_frame_has_no_error():
     truth = winding()
     moved = truth.transformed(SE2(3.0, 4.0, -2.5))
-    assert absolute_errors(truth, moved).errors_m.max() < 1e-9
+    assert align_trajectories(truth, moved).errors_m.max() < 1e-9
     relative = relative_errors(truth, moved, distance=2.0)
     assert relative.translations_m.max() < 1e-9
     assert relative.rotations_deg.max() < 1e-9

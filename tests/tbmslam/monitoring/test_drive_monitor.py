@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.robot.simulation import poses_at
-from tbmslam.evaluation.trajectory_errors import absolute_errors
+from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.drive_monitor import LOST, LOST_WITHOUT_ODOMETRY
 from tbmslam.sensing.laser_scan import Corrections, Reading
@@ -29,7 +29,7 @@ def test_a_carried_robot_is_reported_and_no_scan_is_discarded(robot, caplog):
     assert lost[0].stamp == readings[61].scan.stamp
     assert "--interval" in LOST
     assert any(LOST in line for line in caplog.messages)
-    before = absolute_errors(robot.truth, mapped(readings[:61])[1].trajectory, 0.01).errors_m
+    before = align_trajectories(robot.truth, mapped(readings[:61])[1].trajectory, 0.01).errors_m
     assert before.max() < 0.1
 
 
@@ -68,7 +68,7 @@ def test_the_laser_unplugged_for_a_while_costs_only_that_while(robot):
     readings = [*robot.readings[:60], *robot.readings[130:]]
     _, drive = mapped(readings)
     assert len(drive.trajectory) == len(readings)
-    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.3
+    assert align_trajectories(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.3
 
 
 def test_odometry_that_jumps_is_reported_and_does_no_harm(robot):
@@ -78,7 +78,7 @@ def test_odometry_that_jumps_is_reported_and_does_no_harm(robot):
         for k, r in enumerate(robot.readings)
     ]
     slam, drive = mapped(readings)
-    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    assert align_trajectories(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
     assert any("at 12.0 s: the odometry steps by 10000000 m, which is ignored" in line for line in said(slam))
     assert any("the odometry jumps" in line for line in said(slam))
 
@@ -94,7 +94,7 @@ def test_covered_beams_do_not_end_up_in_the_map(robot):
         "at 0.0 s: a part of the robot, or something that moves with it, blocks 22% of the beams, -50 to -11°" in line
         for line in said(slam)
     )
-    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
+    assert align_trajectories(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
     kept = np.concatenate([drive.keyframes.scan(k).ranges for k in range(len(drive.keyframes))])
     assert not (np.abs(kept - 0.3) < 1e-6).any()
 
@@ -119,7 +119,7 @@ def test_odometry_in_a_bag_that_stops_for_a_while(robot):
     ]
     _, drive = mapped(readings)
     assert len(drive.trajectory) == len(readings)
-    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
+    assert align_trajectories(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
 
 
 def test_frozen_odometry_is_reported_and_overruled(robot):
@@ -130,7 +130,7 @@ def test_frozen_odometry_is_reported_and_overruled(robot):
         for k, r in enumerate(robot.readings)
     ]
     slam, drive = mapped(readings)
-    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    assert align_trajectories(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
     assert any("odometry and scans disagree" in incident.what for incident in slam.incidents)
 
 
@@ -149,7 +149,7 @@ def test_odometry_in_another_unit_does_no_harm_and_is_reported_once(robot, unit)
         return SE2(unit * T_odom_robot.x, unit * T_odom_robot.y, T_odom_robot.theta)
 
     slam, drive = mapped([replace(r, T_odom_robot=measured(r.T_odom_robot)) for r in robot.readings])
-    assert absolute_errors(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
+    assert align_trajectories(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
     slam.finish()
     assert f"--odometry-scale {1.0 / unit:g}" in said(slam)[0]
     steps = [incident for incident in slam.incidents if "steps by" in incident.what]

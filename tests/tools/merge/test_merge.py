@@ -7,8 +7,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from merging.config import Coverage, Method, Rule
+from merging.config import Coverage, MergeConfig, Method, Rule
 from merging.config.registration import Descriptor
+from merging.merger import Merge
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.geometry.se2 import SE2
@@ -97,13 +98,19 @@ def test_nothing_to_merge_is_status_3_with_a_report(folders, tmp_path, capsys, o
     assert f"nothing merged; the reasons are in {tmp_path / 'report.html'}" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("known", "is_asked"), [({}, True), ({"b": (0, 0, 0)}, False), ({"c": (0, 0, 0)}, True)])
+def test_a_pose_is_asked_for_unless_it_was_given(tmp_path, capsys, known, is_asked):
+    config = MergeConfig.model_validate({"known_poses": known})
+    merge._tell(Merge(None, {}, {}, {"a": "too far away", "b": "too far away"}, None), config, "a", tmp_path)
+    assert ("pass --pose" in capsys.readouterr().out) is is_asked
+
+
 @pytest.mark.parametrize(("options", "begin"), [([], "%(message)s"), (["-v"], "%(name)s: %(message)s")])
-def test_warnings_name_modules_only_with_verbose(monkeypatch, capsys, options, begin):
+def test_warnings_name_modules_only_with_verbose(monkeypatch, tmp_path, options, begin):
     formats = []
     monkeypatch.setattr(merge.logging, "basicConfig", lambda **given: formats.append(given["format"]))
-    assert merge.main(["--print-config", *options]) == 0
+    assert merge.main(["absent", "too", "-o", str(tmp_path), *options]) == 1
     assert formats == [begin]
-    assert "[merging" in capsys.readouterr().out
 
 
 def test_a_map_given_twice_causes_a_warning(folders, tmp_path, caplog):

@@ -76,7 +76,7 @@ def test_a_saved_world_is_loaded_and_has_the_same_bytes(tmp_path):
 
 
 def test_an_invalid_world_is_reported_in_one_line(tmp_path):
-    with pytest.raises(WorldError, match=r"world\.npz is not a world: .*make one with tools/make_world\.py"):
+    with pytest.raises(WorldError, match=r"world\.npz is not a world: .*make one with `tbmslam world`"):
         load_world(tmp_path)
     (tmp_path / "world.npz").write_bytes(b"PK\x03\x04 not really")
     with pytest.raises(WorldError, match="is not a world"):

@@ -3,7 +3,7 @@ import pytest
 
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, MotionSystem, PoseSystem, times
 from tbmslam.kernels.adjustment.two_levels import conjugate_gradients, precondition, preconditioner_of
-from tbmslam.optimisation.pose_solver import coarse_space_of
+from tbmslam.optimisation.pose_graph import coarse_space_of
 
 COUNT = 30
 

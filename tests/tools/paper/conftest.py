@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from merging.experiments.map_pair import MapPair
 from merging.fusion import warp
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import VACUOUS
 from tbmslam.geometry.se2 import SE2
+from tools.paper.map_pair import MapPair
 
 
 @pytest.fixture(scope="session")

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from merging.config.registration import Descriptor, FeatureConfig
-from merging.experiments.map_pair import MapPair
 from merging.registration.features import ORB_EDGE, Channels, Image, joined, orb_of
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import FloatArray
+from tools.paper.map_pair import MapPair
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from merging.experiments.detectors import (
+from tools.paper.detectors import (
     DETECTORS,
     Described,
     DescriptorMatches,

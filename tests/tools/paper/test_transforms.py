@@ -1,9 +1,9 @@
 from merging.config import MergeConfig
 from merging.config.registration import FeatureConfig
-from merging.experiments.map_pair import MapPair
-from merging.experiments.transforms import measure_durations, measure_transforms
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
+from tools.paper.map_pair import MapPair
+from tools.paper.transforms import measure_durations, measure_transforms
 
 
 def test_a_merge_is_timed_so_many_times(pair):

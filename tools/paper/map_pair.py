@@ -68,6 +68,14 @@ class Halves:
     union: TbmGrid
     """Fusion by the disjunctive rule of this project, which ignores unknown cells of a map."""
 
+    def fused(self) -> dict[str, TbmGrid]:
+        """Return the fused maps with their names in figure 2."""
+        return {
+            "d: conjunctive rule": self.conjunctive,
+            "e: disjunctive rule, as in the paper": self.disjunctive,
+            "disjunctive rule, as used here by default": self.union,
+        }
+
     def known_share(self, fused: TbmGrid) -> float:
         """Return the share of the original's known cells that a fused map knows."""
         return float(fused.is_known().sum() / max(self.original.is_known().sum(), 1))

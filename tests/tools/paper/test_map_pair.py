@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from merging.experiments.map_pair import MapPair, fuse_halves
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
+from tools.paper.map_pair import MapPair, fuse_halves
 
 
 def test_right_is_near_the_true_place(pair):

@@ -1,7 +1,10 @@
 import numpy as np
 
 from merging.config.registration import FeatureConfig
-from merging.experiments.detectors import (
+from merging.registration.features import describe, match
+from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.geometry.se2 import SE2
+from tools.paper.detectors import (
     AS_PROGRAMMED,
     AS_WRITTEN,
     MODIFICATIONS,
@@ -9,10 +12,7 @@ from merging.experiments.detectors import (
     Variant,
     compare_modifications,
 )
-from merging.experiments.map_pair import MapPair
-from merging.registration.features import describe, match
-from tbmslam.belief.grid import GridGeometry, TbmGrid
-from tbmslam.geometry.se2 import SE2
+from tools.paper.map_pair import MapPair
 
 
 def test_every_setting_is_measured(pair):

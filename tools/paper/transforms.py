@@ -1,4 +1,4 @@
-"""Table III: the paper's measures of its transform's accuracy, and the true errors."""
+"""Tables III and IV: the paper's measures of its transform's accuracy, and the true errors."""
 
 import time
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from scipy import stats
 
 from merging.config import MergeConfig
 from merging.config.registration import FeatureConfig
-from merging.experiments.detectors import RANSAC_PIXELS
-from merging.experiments.map_pair import MapPair
 from merging.fusion import fuse, place
 from merging.merger import align
 from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.map.tbm_map import TbmMap
+from tools.paper.detectors import RANSAC_PIXELS
+from tools.paper.map_pair import MapPair
 
 
 @dataclass(frozen=True)
