@@ -5,7 +5,8 @@ verification refuses them. A deformed map fits more poses than a rigid map. Ther
 rigid alignment without an initial guess, and must fit better than deformed rivals: other poses of the map, and poses of
 its mirror image. Registered tiles leave some distance between corresponding walls. If one pose has a clear lead in the
 correlation, a second attempt tolerates larger distances. A deformed map often fits best at another pose than the first
-one of the correlation, so deformations start at several poses (`merging.nonrigid.hypotheses`).
+one of the correlation, so deformations start at several poses (`merging.nonrigid.hypotheses`). The confidence follows
+from both tests and from the share of the floor that agrees (`merging.nonrigid.deformed_model`).
 
 If most walls agree at a rigid pose, it may be accepted although the maps are deformed. The other walls would be doubled
 in the merged map, and the pose would fit only one part of the overlap. Therefore a map is also deformed at an accepted
@@ -19,7 +20,7 @@ import itertools
 import logging
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -32,6 +33,7 @@ from merging.fusion import at_resolution
 from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap, deform
+from merging.nonrigid.deformed_model import DeformedTests
 from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses, evidence_near
 from merging.pairwise import CompressedGrid, most_held
 from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose
@@ -200,7 +202,37 @@ def register_accepted(
 def _register_onto(
     target: DeformableMap, source: DeformableMap, peak: Peak | None, config: MergeConfig
 ) -> NonrigidRegistration | None:
-    """Deform the source at the best poses of the correlation, with larger distances where one pose is clear."""
+    """Deform the source at the best poses of the correlation; return the first registration that is likely enough."""
+    found = attempts(target, source, peak, config)
+    likely = (one for one in found if one.tests.confidence >= config.verification.min_confidence)
+    return next((one.registration for one in likely), None)
+
+
+class Attempt(NamedTuple):
+    """A map that was deformed at the most likely pose and passed both tests there."""
+
+    aligned: Alignment
+    """The alignment of the deformed map without an initial guess."""
+    deformed: DeformedMap
+    tests: DeformedTests
+
+    @property
+    def registration(self) -> NonrigidRegistration:
+        """The registration of the maps."""
+        confidence = self.tests.confidence
+        among = f"confidence {format_confidence(self.tests.among_rivals)} among deformed rivals"
+        reason = f"confidence {format_confidence(confidence)}: {among}; after deformation: {self.aligned.reason}"
+        return NonrigidRegistration(
+            _accepted(self.aligned, self.deformed, confidence, reason), self.deformed.deformation
+        )
+
+
+def attempts(target: DeformableMap, source: DeformableMap, peak: Peak | None, config: MergeConfig) -> Iterator[Attempt]:
+    """Deform the source at the best poses of the correlation; yield the attempts that pass both tests.
+
+    The second attempt tolerates larger distances. It is made only if one pose is clear. A test is passed with
+    `min_confidence`.
+    """
     fixed = target.structure
     proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most pairs need none
     decoys: Sequence[Evidence] = ()
@@ -210,10 +242,11 @@ def _register_onto(
     else:
         starts = first_apart(proposals().motions, source.structure, config.nonrigid.places)
         lead = lead_of(proposals(), source.structure)
-    found = _attempt(target, source, starts, decoys, proposals, config)
-    if found is None and lead >= config.nonrigid.clear_lead:
-        found = _attempt(target, source, starts, decoys, proposals, config.with_wide_distances())
-    return found
+    wide = [config.with_wide_distances()] if lead >= config.nonrigid.clear_lead else []
+    for used in (config, *wide):
+        found = _attempt(target, source, starts, decoys, proposals, used)
+        if found is not None:
+            yield found
 
 
 def _attempt(
@@ -223,7 +256,7 @@ def _attempt(
     decoys: Sequence[Evidence],
     proposals: Callable[[], Proposals],
     config: MergeConfig,
-) -> NonrigidRegistration | None:
+) -> Attempt | None:
     """Deform the source at the most likely start; return it if it is aligned there and beats its rivals."""
     poses, least = DeformedPoses(target.structure, source, config), config.verification.min_confidence
     likeliest = poses.likeliest(starts, decoys)
@@ -237,8 +270,8 @@ def _attempt(
     confidence = confidences(rivals.evidence, rivals.decoys, deformed=True)[0]
     if confidence < least or pose.deformed is None:
         return None
-    reason = f"confidence {format_confidence(confidence)} among deformed rivals; after deformation: {rigid.reason}"
-    return NonrigidRegistration(_accepted(rigid, pose.deformed, confidence, reason), pose.deformed.deformation)
+    tests = DeformedTests.of(rigid.confidence, confidence, pose.evidence)
+    return Attempt(rigid, pose.deformed, tests)
 
 
 def _is_aligned_at(pose: SE2, found: Alignment, config: MergeConfig) -> bool:

@@ -111,10 +111,13 @@ def make_pair(kind: str, number_of_pair: int, seed: int) -> KnownPair:
 
 
 def _judge() -> str:
-    """Return an identifier of the code and the model; results of different ones are never mixed."""
-    model = resources.files("merging").joinpath("confidence_model.json").read_text(encoding="utf-8")
+    """Return an identifier of the code and the models; results of different ones are never mixed."""
+    models = [
+        resources.files("merging").joinpath(f"{name}_model.json").read_text(encoding="utf-8")
+        for name in ("confidence", "deformed")
+    ]
     code = code_digest("tbmslam", "merging", building_of_world.__module__.rpartition(".")[0])
-    return hashlib.sha256((model + code).encode()).hexdigest()[:16]
+    return hashlib.sha256("".join([*models, code]).encode()).hexdigest()[:16]
 
 
 def _tried_before(path: Path | None, what: dict[str, object]) -> dict[tuple[str, int], Encounter]:

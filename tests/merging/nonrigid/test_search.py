@@ -7,12 +7,19 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from merging import MergeConfig, align, merge
-from merging.alignment import Alignment, deviations
+from merging.alignment import Alignment, deviations, format_confidence
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, fit_tiles
 from merging.nonrigid.hypotheses import DeformedPoses
-from merging.nonrigid.search import DeformedRivals, deformable, peak_of, register_deformable, register_pairs
+from merging.nonrigid.search import (
+    DeformedRivals,
+    attempts,
+    deformable,
+    peak_of,
+    register_deformable,
+    register_pairs,
+)
 from merging.rigid_alignment import align_prepared, align_whole, comparison_resolution
 from merging.verification import examine
 from merging.walls import WallMap
@@ -118,6 +125,22 @@ def test_maps_of_two_buildings_are_not_aligned_by_deformation():
     target, _, _ = bent_maps("office")
     other, _, _ = bent_maps("store")
     assert register_nonrigid(target, other, MergeConfig()) is None
+
+
+def test_ends_of_a_building_are_refused_although_deformation_makes_them_alike():
+    ends, config = make_pair("far ends", 1305, 4901), MergeConfig()
+    target, source = (deformable(one.grid, one.grid.geometry.resolution, config) for one in (ends.target, ends.source))
+    (passed,) = attempts(target, source, peak_of(align_whole(ends.target, ends.source)), config)
+    assert passed.tests.less_certain >= config.verification.min_confidence
+    assert passed.tests.agreeing_share < 0.6
+    assert not align(ends.target, ends.source).accepted
+
+
+def test_the_reason_states_the_confidence_and_both_tests():
+    target, source, _ = bent_maps("store")
+    found = align(target, source)
+    assert f": confidence {format_confidence(found.confidence)}: confidence " in found.reason
+    assert " among deformed rivals; after deformation: confidence " in found.reason
 
 
 def test_a_pose_is_refused_if_deformed_rivals_fit_as_well(monkeypatch):

@@ -39,6 +39,7 @@ PROGRAMS = {
     "make_world": ["-o", "out"],
     "download": ["--list"],
     "reproduce_paper": ["--maps", "robot_0", "-o", "out"],
+    "calibrate_deformed": [],
     "calibrate_merging": ["robot_0"],
     "make_map_pairs": ["-o", "out"],
 }
