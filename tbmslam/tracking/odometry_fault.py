@@ -59,7 +59,7 @@ def faulty_cost(right: Deviations, inertia: Deviations) -> float:
 
     The arguments are the deviations of the pose by the odometry and by inertia. Under a fault, the robot is equally
     likely anywhere within a deviation of its pose by inertia. The longer the time between two scans, the more places it
-    can reach, and the less likely is each. A constant of 5 tears a drive with a scan a second round a block, since one
-    street looks like the next (`benchmark.py limits`).
+    can reach, and the less likely is each. Without this cost, mit-csail with a scan each metre errs by 1 m instead of
+    0.02 m.
     """
     return math.log(_WITHIN * math.prod(inertia) / math.prod(right))

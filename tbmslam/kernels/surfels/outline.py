@@ -23,8 +23,6 @@ _AROUND = 3
 _SAME = 0.8
 """Smallest cosine of the angle between the normal of a hit and that of the surface on which it lies. Without it, door
 jambs would lie on the outline of their wall, and drives along corridors follow reversed odometry."""
-_WIDTH = 0.1
-"""Distance from a surface at which a hit counts half [m]. Scans 1.25 m apart are placed equally well with 0.15."""
 
 
 @kernel
@@ -40,7 +38,7 @@ def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) ->
     for i in range(len(surfaces)):
         # A sum with a beam that hit nothing, or is unknown, is not below infinity.
         is_known = i + 2 < len(ranges) and ranges[i] + ranges[i + 1] + ranges[i + 2] < math.inf
-        is_straight = is_known and are_straight(ends, i + 1)
+        is_straight = is_known and are_straight(ends, i + 1, _STRAIGHT)
         if was_straight or is_straight:
             first, last = (i, i + 1) if step > 0.0 else (i + 1, i)
             surfaces[i, 0], surfaces[i, 1] = ends[first, 0], ends[first, 1]
@@ -50,19 +48,20 @@ def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) ->
 
 
 @kernel
-def are_straight(ends: FloatArray, middle: int) -> bool:
-    """Return whether an end of a beam is near the line through its neighbours; `ends` (N, 2) [m] in beam order."""
+def are_straight(ends: FloatArray, middle: int, tolerance: float) -> bool:
+    """Return whether one of the ends (N, 2) of beams is within a tolerance of the line through its neighbours [m]."""
     x, y = ends[middle - 1, 0], ends[middle - 1, 1]
     along_x, along_y = ends[middle + 1, 0] - x, ends[middle + 1, 1] - y
     area = along_x * (ends[middle, 1] - y) - along_y * (ends[middle, 0] - x)
-    return bool(area * area < _STRAIGHT * _STRAIGHT * (along_x * along_x + along_y * along_y))
+    return bool(area * area < tolerance * tolerance * (along_x * along_x + along_y * along_y))
 
 
 @kernel
-def share_on_outline(outline: Outline, x: float, y: float, normal_x: float, normal_y: float) -> float:
+def share_on_outline(outline: Outline, x: float, y: float, normal_x: float, normal_y: float, width: float) -> float:
     """Return the weight in [0, 1] with which a hit lies on an outline.
 
-    The hit's place [m] and the normal of its surface, towards its laser, are in the map's frame.
+    The hit's place [m] and the normal of its surface, towards its laser, are in the map's frame. At the distance
+    `width` from a surface it counts half [m].
     """
     surfaces, angle_min, step, (origin_x, origin_y, heading) = outline
     # From the first beam on, in the direction in which the laser turns.
@@ -77,4 +76,4 @@ def share_on_outline(outline: Outline, x: float, y: float, normal_x: float, norm
         dx, dy = x - surfaces[i, 0], y - surfaces[i, 1]
         share = min(max((dx * along_x + dy * along_y) / squared, 0.0), 1.0)
         nearest = min(nearest, (dx - share * along_x) ** 2 + (dy - share * along_y) ** 2)
-    return _WIDTH * _WIDTH / (_WIDTH * _WIDTH + nearest)
+    return width * width / (width * width + nearest)

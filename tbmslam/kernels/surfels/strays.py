@@ -8,6 +8,12 @@ from tbmslam.kernels.surfels.surfels import SIDE, SurfelArrays, fit_surfel, laye
 
 _MATCHING = 0.9
 """A hit that matches a surfel by a larger share is not compared with the outline, which takes longer."""
+_WIDTH = 0.1
+"""Distance from the outline at which a hit counts half [m]. Scans 1.25 m apart are placed equally well with 0.15."""
+_STRAIGHT, _THIN = 0.01, 0.03
+"""Hits far along a wall are on one line with their neighbours within the former, since errors of their ranges move them
+along the wall. At the latter distance from the outline they count half, which a few milliradians are at ten metres [m].
+With 0.05 and 0.1, door jambs lie on their wall, and drives along corridors follow reversed odometry."""
 _ROUNDING = 1e-9
 """Distance of the laser from the line through a hit along a normal that points to it [m]."""
 
@@ -52,26 +58,27 @@ def count_strays(
             distance = fits[slot, 2] * dx * dx + 2.0 * fits[slot, 3] * dx * dy + fits[slot, 4] * dy * dy
             known = fits[slot, 5] * squared / (squared + distance)
         if known < _MATCHING:
-            nx, ny = _normal(points, normals, i)
+            nx, ny, width = _surface_of(points, normals, i)
             normal_x, normal_y = cosine * nx - sine * ny, sine * nx + cosine * ny
-            known = max(known, share_on_outline(outline, hit_x, hit_y, normal_x, normal_y))
+            known = max(known, share_on_outline(outline, hit_x, hit_y, normal_x, normal_y, width))
         strays += counted * (1.0 - known)
     return strays
 
 
 @kernel
-def _normal(points: FloatArray, normals: FloatArray, hit: int) -> tuple[float, float]:
-    """Return the normal of a hit, also where its neighbours are far apart, as on walls along the beams.
+def _surface_of(points: FloatArray, normals: FloatArray, hit: int) -> tuple[float, float, float]:
+    """Return the normal of a hit's surface and the distance from an outline at which the hit counts half [m].
 
-    There, `write_normals` writes the direction to the laser. The hit lies on a surface if it is on a line with its
-    neighbours, as for the surfaces of an outline.
+    Where the neighbours of a hit are far apart, as on walls along the beams, `write_normals` writes the direction to
+    the laser. There the hit has a surface if it is on a line with its neighbours.
     """
     x, y, normal_x, normal_y = points[hit, 0], points[hit, 1], normals[hit, 0], normals[hit, 1]
-    is_estimated = abs(x * normal_y - y * normal_x) > _ROUNDING
-    if is_estimated or not 0 < hit < len(points) - 1 or not are_straight(points, hit):
-        return normal_x, normal_y
+    if abs(x * normal_y - y * normal_x) > _ROUNDING or not 0 < hit < len(points) - 1:
+        return normal_x, normal_y, _WIDTH
+    if not are_straight(points, hit, _STRAIGHT):
+        return normal_x, normal_y, _WIDTH
     normal_x, normal_y = points[hit - 1, 1] - points[hit + 1, 1], points[hit + 1, 0] - points[hit - 1, 0]
     length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
     if normal_x * x + normal_y * y > 0.0:
         length = -length
-    return normal_x / length, normal_y / length
+    return normal_x / length, normal_y / length, _THIN

@@ -33,7 +33,7 @@ def test_shares_equal_those_of_the_slow_twin(step):
         place = np.array([POSE[0] + distance * math.cos(angle), POSE[1] + distance * math.sin(angle)])
         turn = angle + math.pi + generator.normal(0.0, 0.5)
         normal = np.array([math.cos(turn), math.sin(turn)])
-        shares.append(share_on_outline(outline, *place, *normal))
+        shares.append(share_on_outline(outline, *place, *normal, 0.1))
         assert shares[-1] == pytest.approx(reference.share_on_outline(ranges, 0.3, step, POSE, place, normal), abs=1e-4)
     assert 100 < np.count_nonzero(np.array(shares) > 0.5) < 500
 
@@ -41,10 +41,11 @@ def test_shares_equal_those_of_the_slow_twin(step):
 def test_the_back_and_the_jambs_of_a_wall_are_not_on_its_outline():
     ranges = 2.0 / np.cos(np.linspace(-0.5, 0.5, 11))
     outline = outline_of(ranges, -0.5, 0.1, (0.0, 0.0, 0.0)), -0.5, 0.1, (0.0, 0.0, 0.0)
-    assert share_on_outline(outline, 2.0, 0.1, -1.0, 0.0) == pytest.approx(1.0)
-    assert share_on_outline(outline, 2.0, 0.1, 1.0, 0.0) == 0.0
-    assert share_on_outline(outline, 2.0, 0.1, 0.0, 1.0) == 0.0
-    assert share_on_outline(outline, 2.1, 0.1, -1.0, 0.0) == pytest.approx(0.5)
+    assert share_on_outline(outline, 2.0, 0.1, -1.0, 0.0, 0.1) == pytest.approx(1.0)
+    assert share_on_outline(outline, 2.0, 0.1, 1.0, 0.0, 0.1) == 0.0
+    assert share_on_outline(outline, 2.0, 0.1, 0.0, 1.0, 0.1) == 0.0
+    assert share_on_outline(outline, 2.1, 0.1, -1.0, 0.0, 0.1) == pytest.approx(0.5)
+    assert share_on_outline(outline, 2.1, 0.1, -1.0, 0.0, 0.05) == pytest.approx(0.2)
 
 
 def test_beams_without_a_hit_and_steps_of_depth_make_no_surface():
