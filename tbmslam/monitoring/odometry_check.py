@@ -72,11 +72,10 @@ class OdometryCheck:
         self._known.append((T_odom_robot, T_map_robot))
         T_odom_first, T_map_first = self._known[0]
         by_wheels, by_scans = T_odom_first.to(T_odom_robot), T_map_first.to(T_map_robot)
-        apart = by_wheels.to(by_scans)
-        config = self._config
-        more = config.per_metre * math.hypot(by_scans.x, by_scans.y)
-        distance = math.hypot(apart.x, apart.y)
-        angle = abs(math.remainder(apart.theta, 2.0 * math.pi))
+        config, (x, y, heading) = self._config, by_scans
+        more = config.per_metre * math.hypot(x, y)
+        distance = math.hypot(by_wheels[0] - x, by_wheels[1] - y)
+        angle = abs(math.remainder(by_wheels[2] - heading, 2.0 * math.pi))
         if distance <= config.distance + more and angle <= config.angle + more:
             return False
         self._known.clear()
