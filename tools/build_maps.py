@@ -118,15 +118,20 @@ def main(argv: list[str] | None = None, program: str = "build_maps") -> int:
 def _run(grammar: argparse.ArgumentParser, args: argparse.Namespace, argv: list[str] | None, program: str) -> None:
     check_exist([*args.recordings, args.config, *(args.reference or ())])
     with loading():
+        from tools.command_line.configuration import whole_text
         from tools.command_line.program import typed_command
         from tools.mapping.run import build_maps
 
     _check_recording_options(grammar, args)
-    build_maps(args, _configuration(args), typed_command(program, argv))
+    config = _configuration(args)
+    if args.print_config:
+        print(whole_text(config), end="")
+    else:
+        build_maps(args, config, typed_command(program, argv))
 
 
 def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
-    if not args.recordings:
+    if not args.recordings and not args.print_config:
         grammar.error("the following arguments are required: RECORDING: give a bag, a log or a directory of them")
     # The number of recordings in a directory is not known yet. (os.path does not fail if a name is too long.)
     listed = args.separate and any(os.path.isdir(path) for path in args.recordings)  # noqa: PTH112

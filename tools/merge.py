@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from merging.merger import Merge
     from tbmslam.map.tbm_map import TbmMap
     from tbmslam.report.page import RunInfo
+    from tools.command_line.configuration import Configuration
 
 logger = logging.getLogger("merge")
 
@@ -55,7 +56,8 @@ def main(arguments: Sequence[str] | None = None, program: str = "merge") -> int:
     options = grammar.parse_args(arguments)
     try:
         given, options.maps = options.maps, list_maps(options.maps)
-        _check(grammar, options, given)
+        if not options.print_config:
+            _check(grammar, options, given)
     except (OSError, RuntimeError) as error:  # unreadable folders, circular links
         grammar.error(f"the maps cannot be listed: {error}")
     if options.verbose:
@@ -76,7 +78,14 @@ def _run(
 ) -> int:
     check_exist(options.maps, "does not exist: give a map's folder or file")
     check_exist([options.config])
-    return _merge(options, _configuration(grammar, options), typed_command(program, arguments))
+    with loading():
+        from tools.command_line.configuration import whole_text
+
+    config = _configuration(grammar, options)
+    if options.print_config:
+        print(whole_text(config), end="")
+        return DONE
+    return _merge(options, config.merging, typed_command(program, arguments))
 
 
 def _check(grammar: argparse.ArgumentParser, options: argparse.Namespace, given: Sequence[Path]) -> None:
@@ -190,11 +199,10 @@ def _reliability(text: str) -> tuple[str, float]:
         raise argparse.ArgumentTypeError(f"must look like NAME=0.5, got {text!r}") from None
 
 
-def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace) -> "MergeConfig":
-    """Return the parameters of the merge by file, settings and options, in increasing priority."""
-    with loading():
-        from tbmslam.configuration.parameters import ConfigError, changed
-        from tools.command_line.configuration import read_configuration
+def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace) -> "Configuration":
+    """Return the configuration by file, settings and options, in increasing priority."""
+    from tbmslam.configuration.parameters import ConfigError, changed
+    from tools.command_line.configuration import read_configuration
 
     config = read_configuration(options.preset, options.config).with_settings(options.set)
     chosen = {
@@ -211,7 +219,7 @@ def _configuration(parser: argparse.ArgumentParser, options: argparse.Namespace)
         "consensus": _given(min_inliers=options.min_inliers),
     }
     try:
-        return changed(config, {"merging": _given(**chosen)}, "options").merging
+        return changed(config, {"merging": _given(**chosen)}, "options")
     except ConfigError as error:
         parser.error(str(error))
 

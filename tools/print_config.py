@@ -19,7 +19,7 @@ EXAMPLES = """examples:
 def parser(program: str = "print_config") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
     grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
-    add_configuration_options(grammar, "map.resolution=0.1")
+    add_configuration_options(grammar, "map.resolution=0.1", printing=False)
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 

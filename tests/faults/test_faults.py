@@ -10,7 +10,7 @@ import pytest
 from tests.faults import child_run, faults, hostile_maps
 from tests.faults.fault_case import FaultCase, Outcome, run_program
 from tests.faults.waiting_child import Moment
-from tools import print_config
+from tools import merge
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -62,7 +62,7 @@ def test_what_leaks_from_a_program_is_seen():
 def test_a_child_that_is_not_seen_writing_is_reported(tmp_path):
     moment = Moment(str(tmp_path / "map.npz"), "half", str(tmp_path))
     with pytest.raises(child_run.ChildRunError, match=r"not seen writing .*map.npz"):
-        child_run.run_child(print_config, "--debug", at=moment, do=lambda _: None)
+        child_run.run_child(merge, "--print-config", at=moment, do=lambda _: None)
 
 
 @pytest.mark.parametrize(("state", "left"), [("empty", b""), ("half", b"12"), ("whole", b"1234"), ("named", b"1234")])

@@ -127,7 +127,7 @@ def given_options(args: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in lists_as_tuples.items() if value is not None}
 
 
-def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> None:
+def add_configuration_options(parser: argparse.ArgumentParser, example: str, *, printing: bool = True) -> None:
     """Add the options about parameters, in a group of their own."""
     group = parser.add_argument_group("parameters")
     group.add_argument(
@@ -140,6 +140,8 @@ def add_configuration_options(parser: argparse.ArgumentParser, example: str) -> 
     group.add_argument(
         "--set", action="append", default=[], metavar="A.B=C", help=f"one parameter, e.g. {example}; may be repeated"
     )
+    if printing:
+        group.add_argument("--print-config", action="store_true", help="only print the parameters as TOML")
 
 
 LIVE = "live"

@@ -88,7 +88,7 @@ def keys_in(value):
 
 def test_every_key_is_described(maps):
     report = as_json(merge(maps, CONFIG), CONFIG)
-    del report["config"]  # whose parameters `tbmslam config` describes
+    del report["config"]  # whose parameters --print-config describes
     report["maps"] = list(report["maps"].values())
     found = keys_in(report)
     assert {"evidence", "pieces", "alternatives", "conflict_m2"} <= found

@@ -59,7 +59,7 @@ def test_every_key_is_described(bag, bags, tmp_path, capsys):
     found = keys_in(list(truth["robots"].values()))
     for folder in (tmp_path / "log" / "log", tmp_path / "bag" / "robot_0_1"):
         record = run_record(folder)
-        del record["config"], record["versions"]  # the first is described by `tbmslam config`
+        del record["config"], record["versions"]  # the first is described by --print-config
         found |= keys_in(record)
     assert {"T_reference_map", "lost_seconds", "times", "stop"} <= found
     text = (ROOT / "docs" / "run-json.md").read_text(encoding="utf-8")

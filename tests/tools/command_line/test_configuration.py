@@ -9,7 +9,7 @@ from merging.config import MergeConfig
 from tbmslam.configuration.parameters import changed, descriptions_of, fields_of, is_table
 from tbmslam.configuration.slam_config import ConfigError, preset
 from tbmslam.geometry.se2 import SE2
-from tools import print_config
+from tools import build_maps, merge
 from tools.command_line.configuration import Configuration, mapping_text, merging_text, read_configuration, whole_text
 
 ODD = {
@@ -102,12 +102,13 @@ def test_wrong_settings(setting, message):
         Configuration().with_settings([setting])
 
 
-def test_print_config_prints_what_would_count_and_config_takes_it(tmp_path, capsys):
+@pytest.mark.parametrize("program", [build_maps, merge])
+def test_print_config_prints_what_would_count_and_config_takes_it(program, tmp_path, capsys):
     words = ["--preset", "viny-hc", "--set", "merging.rule=yager", "--set", "recording.gap_s=3"]
-    assert print_config.main(words) == 0
+    assert program.main([*words, "--print-config"]) == 0
     text = capsys.readouterr().out
     (tmp_path / "all.toml").write_text(text)
-    assert print_config.main(["--config", str(tmp_path / "all.toml")]) == 0
+    assert program.main(["--config", str(tmp_path / "all.toml"), "--print-config"]) == 0
     assert capsys.readouterr().out == text
     config = read_configuration(None, tmp_path / "all.toml")
     assert (config.preset, config.merging.rule, config.recording.gap_s) == ("viny-hc", "yager", 3.0)

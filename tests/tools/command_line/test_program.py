@@ -108,9 +108,9 @@ def test_a_mistake_of_ours_is_not_hidden():
         run_program("merge", raising(ZeroDivisionError()))
 
 
-def printed_into(place, *words, program="print_config"):
-    """Run a program with its output going to a place; return its exit code and what it said."""
-    command = [sys.executable, str(ROOT / f"tools/{program}.py"), *words]
+def printed_into(place, *words):
+    """Run merge with its output going to a place; return its exit code and what it said."""
+    command = [sys.executable, str(ROOT / "tools/merge.py"), *words]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     return subprocess.run(  # noqa: S603 - a fixed command
         command, stdout=place, stderr=subprocess.PIPE, text=True, env=environment, check=False
@@ -118,15 +118,15 @@ def printed_into(place, *words, program="print_config"):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no disk that is always full")
-@pytest.mark.parametrize("words", [[], ["--debug"], ["--help"]], ids=" ".join)
+@pytest.mark.parametrize("words", [["--print-config"], ["--print-config", "--debug"], ["--help"]], ids=" ".join)
 def test_a_full_disk_for_what_is_printed_is_one_line(words):
     with Path("/dev/full").open("w") as full:
         done = printed_into(full, *words)
-    said = "print_config: No space left on device: check the input and the output\n"
+    said = "merge: No space left on device: check the input and the output\n"
     assert (done.returncode, done.stderr) == (1, said)
 
 
-@pytest.mark.parametrize("words", [[], ["--debug"], ["--help"]], ids=" ".join)
+@pytest.mark.parametrize("words", [["--print-config"], ["--print-config", "--debug"], ["--help"]], ids=" ".join)
 def test_a_reader_that_has_read_enough_is_no_error_worth_a_line(words):
     reader, writer = os.pipe()
     os.close(reader)  # as `head` does
@@ -138,8 +138,8 @@ def test_a_reader_that_has_read_enough_is_no_error_worth_a_line(words):
 def test_who_has_neither_output_nor_errors_gets_the_exit_code():
     closing = "import os, sys; os.close(1); os.close(2); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    words = [sys.executable, "-c", closing, str(ROOT / "tools/print_config.py")]
-    for more, code in (([], 0), (["--config", "absent.toml"], 1)):
+    words = [sys.executable, "-c", closing, str(ROOT / "tools/merge.py")]
+    for more, code in ((["--print-config"], 0), (["a.npz", "b.npz", "-o", "merged"], 1)):
         assert subprocess.run([*words, *more], env=environment, check=False).returncode == code  # noqa: S603
 
 
@@ -169,7 +169,7 @@ def test_maps_with_names_of_invalid_text_are_merged_and_saved(tmp_path):
     for folder in maps:
         save_map(folder, TbmMap(TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 3, 4))))
     out = os.fsdecode(bytes(tmp_path / "merged") + b"\xff")
-    done = printed_into(subprocess.PIPE, *maps, "-o", out, program="merge")
+    done = printed_into(subprocess.PIPE, *maps, "-o", out)
     assert done.returncode == 3
     assert {"report.json", "report.html"} <= {path.name for path in Path(out).iterdir()}
 
