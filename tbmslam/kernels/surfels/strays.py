@@ -10,10 +10,12 @@ _MATCHING = 0.9
 """A hit that matches a surfel by a larger share is not compared with the outline, which takes longer."""
 _WIDTH = 0.1
 """Distance from the outline at which a hit counts half [m]. Scans 1.25 m apart are placed equally well with 0.15."""
-_STRAIGHT, _THIN = 0.01, 0.03
-"""Hits far along a wall are on one line with their neighbours within the former, since errors of their ranges move them
-along the wall. At the latter distance from the outline they count half, which a few milliradians are at ten metres [m].
-With 0.05 and 0.1, door jambs lie on their wall, and drives along corridors follow reversed odometry."""
+_STRAIGHT = 0.01
+"""A hit whose neighbours are far apart lies on a wall along the beams if it is this near to the line through them [m].
+Errors of its range move it along the wall. With 0.05 a jamb and its wall are one line."""
+_THIN = 0.03
+"""Distance from the outline at which such a hit counts half [m]: an error of three milliradians at ten metres. With 0.1
+door jambs lie on their wall, and drives along corridors follow reversed odometry."""
 _ROUNDING = 1e-9
 """Distance of the laser from the line through a hit along a normal that points to it [m]."""
 
