@@ -28,7 +28,7 @@ def test_each_listed_ablation_is_a_test():
     listed = re.findall(r"`([\w/]+\.py)::(\w+)`", text)
     assert len(listed) > 15
     for path, name in listed:
-        folder = ROOT / "tests" if path.startswith("merging/") else ROOT / "tests" / "tbmslam"
+        folder = ROOT / "tests" if path.startswith(("merging/", "end_to_end/")) else ROOT / "tests" / "tbmslam"
         assert f"def {name}(" in (folder / path).read_text(encoding="utf-8")
 
 

@@ -19,6 +19,7 @@ from tbmslam.tracking import motion_model, surfel_tracker
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 from tests.end_to_end.programs import build, merge_maps
 from tools import merge
+from tools.benchmarks.perturb import with_odometry_reversed
 from tools.command_line.paths import map_folders
 
 # One worker maps each recording once for all of them.
@@ -137,6 +138,16 @@ def test_scans_far_apart_need_the_outline_of_the_last_keyframe(shared_data, monk
     if not is_known:
         monkeypatch.setattr(surfel_tracker, "outline_of", lambda *_: np.empty((0, 4)))
     assert least < error_of_few(readings, 12.0, 1.0) < most
+
+
+@pytest.mark.parametrize(("overruling", "least", "most"), [(0.2, 0.0, 0.13), (0.0, 1.0, 10.0)])
+def test_few_hits_among_trees_do_not_overrule_odometry(shared_data, monkeypatch, overruling, least, most):
+    """Ablation of `_OVERRULING` on fr-clinic with odometry that is reversed for four of 68 seconds."""
+    monkeypatch.setattr(surfel_tracker, "_OVERRULING", overruling)
+    readings = open_recording([shared_data / "fr-clinic/fr-clinic.bag"], RecordingOptions())
+    trajectory = trajectory_of(with_odometry_reversed(readings, 4.0, 68.0))
+    relations = read_relations(shared_data / "fr-clinic/fr-clinic.relations")
+    assert least < relation_errors(relations, trajectory).translations_m.mean() < most
 
 
 @pytest.mark.parametrize(("is_estimated", "least", "most"), [(True, 0.0, 0.1), (False, 0.3, 20.0)])
