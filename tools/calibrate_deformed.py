@@ -4,11 +4,6 @@ Few pairs of two places pass the tests of a deformed map, so many are tried. A m
 of two places than of one. The pairs are weighted accordingly.
 """
 
-if __name__ == "__main__":  # before anything else is loaded, since Ctrl-C may come at once
-    from tools.command_line.interruption import handle_interruption
-
-    handle_interruption("calibrate_deformed")
-
 import argparse
 import sys
 from typing import TYPE_CHECKING
