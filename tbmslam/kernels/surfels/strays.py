@@ -75,9 +75,8 @@ def _surface_of(points: FloatArray, normals: FloatArray, hit: int) -> tuple[floa
     the laser. There the hit has a surface if it is on a line with its neighbours.
     """
     x, y, normal_x, normal_y = points[hit, 0], points[hit, 1], normals[hit, 0], normals[hit, 1]
-    if abs(x * normal_y - y * normal_x) > _ROUNDING or not 0 < hit < len(points) - 1:
-        return normal_x, normal_y, _WIDTH
-    if not are_straight(points, hit, _STRAIGHT):
+    is_estimated = abs(x * normal_y - y * normal_x) > _ROUNDING
+    if is_estimated or not 0 < hit < len(points) - 1 or not are_straight(points, hit, _STRAIGHT):
         return normal_x, normal_y, _WIDTH
     normal_x, normal_y = points[hit - 1, 1] - points[hit + 1, 1], points[hit + 1, 0] - points[hit - 1, 0]
     length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
