@@ -10,6 +10,8 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 
 Grouping = Callable[[Mapping[Pair, Alignment]], Sequence[Group]]
+Sides = tuple[Pair, frozenset[str], frozenset[str]]
+"""A pair that joins two sides of a group, and the maps on either side."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class MergeState:
     """The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps'
     own."""
     deformed: Mapping[str, TbmMap] = field(default_factory=dict)
+    confirmed: frozenset[Sides] = frozenset()
+    """The bridges that the alignment of their sides confirmed."""
 
     @classmethod
     def of(cls, maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], grouping: Grouping) -> "MergeState":
@@ -57,14 +61,14 @@ class MergeState:
         evidence_grids = {**self.evidence_grids, **(evidence_grids or {})}
         return replace(self, alignments=alignments, groups=self.grouping(alignments), evidence_grids=evidence_grids)
 
-    def with_deformed(self, name: str, deformed: TbmMap) -> "MergeState":
-        """Return the state with one of the maps deformed."""
-        return replace(self, maps={**self.maps, name: deformed}, deformed={**self.deformed, name: deformed})
+    def with_deformed(self, deformed: Mapping[str, TbmMap]) -> "MergeState":
+        """Return the state with some of the maps deformed."""
+        return replace(self, maps={**self.maps, **deformed}, deformed={**self.deformed, **deformed})
 
-    def with_own_grids(self, pair: Pair) -> "MergeState":
-        """Return the state in which the present grids of a pair are those that it was aligned by."""
-        grids = self.maps[pair[0]].grid, self.maps[pair[1]].grid
-        return replace(self, evidence_grids={**self.evidence_grids, pair: grids})
+    def with_own_grids(self, pairs: Sequence[Pair]) -> "MergeState":
+        """Return the state in which the present grids of some pairs are those that they were aligned by."""
+        grids = {pair: (self.maps[pair[0]].grid, self.maps[pair[1]].grid) for pair in pairs}
+        return replace(self, evidence_grids={**self.evidence_grids, **grids})
 
 
 def check_maps(maps: Mapping[str, TbmMap]) -> None:

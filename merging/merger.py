@@ -14,7 +14,7 @@ from merging.map_graph.grouping import Group, groups_of
 from merging.merge_state import MergeState, check_maps, most_confident_pair, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
-from merging.nonrigid.search import NonrigidRegistration, align_deformable, register_pairs
+from merging.nonrigid.search import align_deformable, register_pairs
 from merging.pair_picture import EVIDENCE_GRIDS
 from merging.pairwise import with_picture
 from merging.pose_priors import place_by_priors
@@ -85,8 +85,9 @@ def merge(
     Every pair of maps is aligned; with many maps only similar pairs are aligned (`merging.rounds`). Accepted alignments
     connect maps to groups, and the largest group is fused in the order of the maps. If poses are known
     (`MergeConfig.known_poses`), the group of these maps is fused instead. Maps of different groups are aligned again by
-    short ranges only. If only doubtful alignments join two groups, the groups must match as wholes. The remaining maps
-    are registered non-rigidly. A map that a single alignment joins is also deformed if it then fits much better.
+    short ranges only. The remaining maps are registered non-rigidly. A map that a single alignment joins is also
+    deformed if it then fits much better. If only one doubtful alignment joins two groups, or one of a deformed map, the
+    groups must match as wholes.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def merge(
     found = with_pairs_aligned(found, config, executor)
     found = with_short_range_alignments(found, config, executor)
     found = without_refuted_bridges(found, config, executor)
-    found = _with_deformed_maps(found, register_pairs(found, config, executor))
+    found = _with_deformed_maps(found, config, executor)
     group = found.groups[0]
     done = _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
     return _with_pictures(done, maps, config)
@@ -164,20 +165,19 @@ def _grouped(
         return groups_of(names, alignments, config.graph, known)
 
 
-def _with_deformed_maps(found: MergeState, registrations: Mapping[Pair, NonrigidRegistration]) -> MergeState:
-    """Add the alignments of deformed maps, and keep these maps deformed."""
+def _with_deformed_maps(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
+    """Register pairs of maps non-rigidly, and keep the deformed maps of those that their groups confirm."""
+    registrations = register_pairs(found, config, executor)
     if not registrations:
         return found
     rigid = {pair: found.alignments[pair] for pair in registrations if found.alignments[pair].accepted}
     without = {pair: replace(alignment, accepted=False, confidence=0.0) for pair, alignment in rigid.items()}
     before = found.with_alignments(without).groups if without else found.groups
     found = found.with_alignments({pair: registration.alignment for pair, registration in registrations.items()})
-    for name, deformed in deformed_maps(registrations, found.maps, found.groups, before).items():
-        found = found.with_deformed(name, deformed)
-    for pair in registrations:
-        if any(pair in group.used for group in found.groups):
-            found = found.with_own_grids(pair)
-    return found
+    found = without_refuted_bridges(found, config, executor)
+    kept = {pair: each for pair, each in registrations.items() if found.alignments[pair].accepted}
+    found = found.with_deformed(deformed_maps(kept, found.maps, found.groups, before))
+    return found.with_own_grids([pair for pair in kept if any(pair in group.used for group in found.groups)])
 
 
 def _merged(found: MergeState, joined: MergedGroup | None) -> Merge:

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from merging import MergeConfig, merge, merged_group
+from datasets.synthetic.map_pairs import pairs as map_pairs
+from merging import MergeConfig, align, merge, merged_group
 from merging.alignment import Alignment, PoseHypothesis
 from merging.bridges import bridges_of, refute_bridge, without_refuted_bridges
 from merging.fusion import warp
@@ -15,7 +16,10 @@ from merging.pairwise import align_all
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
+from tests.merging.bent_floor import bent_maps
 from tests.merging.conftest import draw_rooms, grid_of_occupancy
+from tools.benchmarks.strangers import building_of
+from tools.map_pairs.placed_maps import maps_by_name
 
 CONFIG = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
 WITHOUT_CHECK = MergeConfig.model_validate({"nonrigid": {"enabled": False}, "graph": {"min_whole": 0.0}})
@@ -66,8 +70,8 @@ def state_of(maps, alignments):
     return MergeState.of(maps, alignments, lambda known: groups_of(list(POSES), known, CONFIG.graph))
 
 
-def refuted(maps, alignments, confirmed=()):
-    return refute_bridge(state_of(maps, alignments), CONFIG, Executor(), confirmed)
+def refuted(maps, alignments, confirmed=(), config=CONFIG):
+    return refute_bridge(replace(state_of(maps, alignments), confirmed=frozenset(confirmed)), config, Executor())
 
 
 def sides_of(alignments):
@@ -118,6 +122,29 @@ def test_groups_without_a_wall_in_common_do_not_bear_a_bridge_out(neighbours):
     lawn = seen(np.zeros((100, 100), dtype=np.int8), np.True_, SE2.identity())
     found, _ = refuted(neighbours | {"c": lawn, "d": lawn}, SURE | stated("bc", 0.95))
     assert (found["b", "c"].accepted, found["b", "c"].confidence) == (False, 0.0)
+
+
+def test_a_true_alignment_of_a_deformed_map_is_confirmed_by_the_deformed_sides():
+    whole, bent, _ = bent_maps("store")
+    min_x, min_y, max_x, max_y = whole.grid.geometry.bounds()
+    part = whole.crop(min_x, min_y, min_x + 0.7 * (max_x - min_x), max_y)
+    found = align(part, bent)
+    assert found.accepted
+    assert found.bent_m > 0.0
+    alignments = stated("ab", 0.999, SE2.identity()) | {("b", "c"): found}
+    nothing, fitting = refuted({"a": whole, "b": part, "c": bent}, alignments, config=MergeConfig())
+    assert nothing == {}
+    assert fitting == {(("b", "c"), frozenset("ab"), frozenset("c"))}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("config", "buildings"), [({}, {1}), ({"graph": {"min_whole": 0.0}}, {1, 4})])
+def test_two_buildings_that_a_deformed_map_fits_are_one_only_without_the_check(config, buildings):
+    rng = np.random.default_rng([2812, 30, 10])
+    fleet = [list(map_pairs.maps_of(building_of(281_200_000 + index, rng), 10, rng)) for index in range(5)]
+    placed = {f"{index}-{number}": fleet[index][number] for index, number in ((1, 4), (1, 0), (4, 8), (4, 0))}
+    found = merge(maps_by_name(placed), MergeConfig.model_validate(config))
+    assert {int(name[0]) for name in found.poses} == buildings
 
 
 @pytest.mark.parametrize("tile", [0, 1])
@@ -176,6 +203,11 @@ def test_refuted_alternatives_are_unlikely_too(strangers):
     found, _ = refuted(strangers, SURE | AGREEING[0] | AGREEING[2] | AGREEING[3] | other)
     assert (found["a", "d"].confidence, found["a", "d"].T_target_source) == (0.1, elsewhere)
     assert found["a", "d"].alternatives[0].confidence < CONFIG.graph.min_whole
+
+
+def test_an_alignment_of_a_deformed_map_is_a_doubtful_bridge_however_confident():
+    deformed = {pair: replace(found, bent_m=0.2) for pair, found in stated("bc", 0.999).items()}
+    assert sides_of(SURE | deformed) == {"bc": ("ab", "cd")}
 
 
 def test_refused_alignments_put_maps_on_sides():
