@@ -5,11 +5,14 @@ from typing import NamedTuple
 
 from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.geometry.se2 import FloatArray, IntArray
+from tbmslam.loop_closure.closure_graph import nodes_of
 from tbmslam.loop_closure.loop_closer import LoopCloser
-from tbmslam.map.drive import DriveMotions
+from tbmslam.loop_closure.odometry_headings import OdometryHeadings, laid_out
+from tbmslam.map.drive import DriveMotions, spread_corrections
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
 from tbmslam.optimisation.bundle_adjustment import adjust
+from tbmslam.optimisation.graph_optimisation import optimise
 from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge
 from tbmslam.parallel.executor import Progress
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
@@ -57,7 +60,23 @@ class BackEnd:
         chain = MotionChain(measured.steps, measured.informations)
         hits = ScanHits.of(keyframes, self._closing.submap.max_range)
         poses, closures = self._closer.close(poses_of_sensor(tracked), hits, chain, progress)
-        return OptimisedDrive(poses, measured, chain, closures, hits)
+        drive = OptimisedDrive(poses, measured, chain, closures, hits)
+        return self._with_odometry(drive, OdometryHeadings.of(tracked))
+
+    def _with_odometry(self, drive: OptimisedDrive, headings: OdometryHeadings) -> OptimisedDrive:
+        """Return a drive with closed loops after its headings were fused with those by odometry, if these drift less.
+
+        The closures stay: the motions between them change by less than the windows in which they were found.
+        """
+        drift = headings.drift(drive.closures)
+        if not drift < 1.0:
+            return drive
+        measured = headings.fused(drive.motions, drift)
+        chain, nodes = MotionChain(measured.steps, measured.informations), nodes_of(drive.closures)
+        width = self._closing.graph.robust_width
+        solved = optimise(drive.poses, chain.between(nodes), drive.closures, width, nodes)
+        poses = spread_corrections(laid_out(drive.poses[0], measured.steps), nodes, solved)
+        return drive._replace(poses=poses, motions=measured, chain=chain)
 
     def adjusted(self, drive: OptimisedDrive, progress: Progress) -> OptimisedDrive:
         """Return the drive after poses and wall lines were optimised together."""

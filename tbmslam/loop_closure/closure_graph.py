@@ -1,7 +1,7 @@
 """The robust pose graph of a drive: the motions between keyframes, and the closures that correct them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import compress
 
 import numpy as np
@@ -122,10 +122,14 @@ class ClosureGraph:
             self._new = []
 
     def _nodes(self) -> IntArray:
-        """Return the keyframes that closures join, and the first keyframe."""
-        return np.unique([0, *(end for edge in self.closures.values() for end in (edge.source, edge.target))])
+        return nodes_of(self.closures.values())
 
     def _solve(self, chain: EdgeArrays, nodes: IntArray, precision: float) -> None:
         closures, width = self.closures.values(), self._config.robust_width
         solved = optimise(self.poses, chain, closures, width, nodes, precision)
         self.poses = spread_corrections(self._tracked, nodes, solved)
+
+
+def nodes_of(closures: Iterable[MotionEdge]) -> IntArray:
+    """Return the keyframes that closures join, and the first keyframe."""
+    return np.unique([0, *(end for edge in closures for end in (edge.source, edge.target))])

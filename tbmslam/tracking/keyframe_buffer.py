@@ -66,7 +66,7 @@ class KeyframeBuffer:
                     @ keyframe.match.T_map_sensor.inverse()
                 )
                 match = keyframe.match._replace(information=None)
-                keyframe = replace(keyframe, match=match, prior=_GAP)
+                keyframe = replace(keyframe, match=match, prior=_GAP, follows_gap=True)
             kept.append(keyframe.moved(T_new_old))
         logger.info("%d of %d keyframes kept, as the others show the same", len(kept), len(self.keyframes))
         self.keyframes = kept

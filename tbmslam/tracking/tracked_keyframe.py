@@ -31,6 +31,8 @@ class TrackedKeyframe:
     """Information (3, 3) of the laser's pose in the map's frame from the motion since the last keyframe."""
     T_odom_robot: SE2 | None = None
     """Pose of the robot by odometry; None if unknown."""
+    follows_gap: bool = False
+    """Whether keyframes before it were forgotten. The prior is then no motion by odometry."""
 
     @classmethod
     def of(
