@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from tbmslam.configuration.slam_config import SlamConfig
-from tbmslam.geometry.se2 import FloatArray, IntArray
+from tbmslam.geometry.se2 import FloatArray, IntArray, laid_out
 from tbmslam.loop_closure.closure_graph import nodes_of
 from tbmslam.loop_closure.loop_closer import LoopCloser
-from tbmslam.loop_closure.odometry_headings import OdometryHeadings, laid_out
+from tbmslam.loop_closure.odometry_headings import OdometryHeadings
 from tbmslam.map.drive import DriveMotions, spread_corrections
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
@@ -64,14 +64,13 @@ class BackEnd:
         return self._with_odometry(drive, OdometryHeadings.of(tracked))
 
     def _with_odometry(self, drive: OptimisedDrive, headings: OdometryHeadings) -> OptimisedDrive:
-        """Return a drive with closed loops after its headings were fused with those by odometry, if these drift less.
+        """Return a drive with closed loops after its headings were fused with those by odometry, where these drift less.
 
-        The closures stay: the motions between them change by less than the windows in which they were found.
+        The closures stay as they are: a new search would take as long as the first.
         """
-        drift = headings.drift(drive.closures)
-        if not drift < 1.0:
+        measured = headings.fused(drive.motions, drive.closures)
+        if measured is None:
             return drive
-        measured = headings.fused(drive.motions, drift)
         chain, nodes = MotionChain(measured.steps, measured.informations), nodes_of(drive.closures)
         width = self._closing.graph.robust_width
         solved = optimise(drive.poses, chain.between(nodes), drive.closures, width, nodes)

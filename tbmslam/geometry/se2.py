@@ -183,6 +183,17 @@ def interpolate(begins: FloatArray, ends: FloatArray, shares: FloatArray) -> Flo
     return compose(begins, np.column_stack((along * vx - across * vy, across * vx + along * vy, turn)))
 
 
+def laid_out(start: FloatArray, steps: FloatArray) -> FloatArray:
+    """Return the poses (S + 1, 3) along steps (S, 3) from a pose (3,)."""
+    headings = start[2] + np.concatenate(([0.0], np.cumsum(steps[:, 2])))
+    cosines, sines = np.cos(headings[:-1]), np.sin(headings[:-1])
+    moved_x, moved_y = cosines * steps[:, 0] - sines * steps[:, 1], sines * steps[:, 0] + cosines * steps[:, 1]
+    poses = np.empty((len(headings), 3))
+    poses[0], poses[:, 2] = start, wrap_angles(headings)
+    poses[1:, 0], poses[1:, 1] = start[0] + np.cumsum(moved_x), start[1] + np.cumsum(moved_y)
+    return poses
+
+
 def _sine_ratios(omega: float) -> tuple[float, float]:
     """Return sin(w)/w and (1 - cos(w))/w, by their series where the quotients lose digits."""
     if abs(omega) < 1e-4:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.geometry.se2 import SE2, compose, interpolate, inverse, stacked, wrap_angle, wrap_angles
+from tbmslam.geometry.se2 import SE2, compose, interpolate, inverse, laid_out, stacked, wrap_angle, wrap_angles
 
 QUARTER = math.pi / 2
 
@@ -82,3 +82,12 @@ def test_arrays_of_motions_are_interpolated_one_by_one():
     found = interpolate(begins, ends, shares)
     np.testing.assert_allclose(found[:, :2], np.array(each)[:, :2], atol=1e-9)
     np.testing.assert_allclose(wrap_angles(found[:, 2] - np.array(each)[:, 2]), 0.0, atol=1e-9)
+
+
+def test_poses_are_laid_out_along_steps():
+    start, steps = SE2(1.0, 2.0, 3.0), [SE2(0.5, 0.1, 0.4), SE2(0.2, -0.3, -0.1), SE2(0.0, 0.0, 2.0)]
+    poses = [start]
+    for step in steps:
+        poses.append(poses[-1] @ step)
+    np.testing.assert_allclose(laid_out(np.array(start), stacked(steps)), stacked(poses), atol=1e-12)
+    np.testing.assert_array_equal(laid_out(np.array(start), np.zeros((0, 3))), [start])
