@@ -64,7 +64,7 @@ class BackEnd:
         return self._with_odometry(drive, OdometryHeadings.of(tracked))
 
     def _with_odometry(self, drive: OptimisedDrive, headings: OdometryHeadings) -> OptimisedDrive:
-        """Return a drive with closed loops after its headings were fused with those by odometry, where these drift less.
+        """Return a drive after its headings were fused with those by odometry, where these drift less at closures.
 
         The closures stay as they are: a new search would take as long as the first.
         """
