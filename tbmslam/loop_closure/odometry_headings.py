@@ -1,9 +1,10 @@
 """The headings of a drive by odometry, weighed by their drift over whole loops.
 
 The noise learnt per keyframe tells neither errors that add up from errors that cancel, nor errors of the odometry from
-those of the scans. Loop closures measure both over hundreds of metres. Among trees (fr-clinic) headings by odometry err
-there by 0.03 rad and headings by scans by 0.08 rad, where their variances predict 0.13 and 0.08 rad. Without closures
-nobody knows which of both drifts, and the odometry counts as much as the tracker let it.
+those of the scans. Loop closures measure both over hundreds of metres. On fr-clinic, among trees, headings by odometry
+err there by 0.03 rad (RMS) where their noise predicts 0.12 rad, and tracked headings by 0.10 rad. On mit-csail, aces
+and intel they err by 0.4, 0.4 and 1.9 rad, and tracked headings by less than 0.05 rad. Without closures nobody knows
+which of both drifts.
 """
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,7 @@ def test_few_rounds_are_kept(memory):
     assert not memory.is_full()
     kept = [k.index for k in memory.keyframes]
     assert packed(memory.keyframes, np.zeros((len(kept), 3))).indices.tolist() == kept
+    assert [k.follows_gap for k in memory.keyframes[1:]] == [later > before + 3 for before, later in pairwise(kept)]
 
 
 def test_steps_stay_as_tracked_and_lead_truly_over_what_was_forgotten(memory, rounds):
