@@ -86,8 +86,7 @@ def merge(
     connect maps to groups, and the largest group is fused in the order of the maps. If poses are known
     (`MergeConfig.known_poses`), the group of these maps is fused instead. Maps of different groups are aligned again by
     short ranges only. The remaining maps are registered non-rigidly. A map that a single alignment joins is also
-    deformed if it then fits much better. If only one doubtful alignment joins two groups, or one of a deformed map, the
-    groups must match as wholes.
+    deformed if it then fits much better. If a single alignment joins two groups, they must match as wholes.
 
     Parameters
     ----------

@@ -24,7 +24,6 @@ class GraphConfig(FrozenConfig):
     )
     min_support: float = Field(2.19, description="least log odds at which maps are joined")
     # A bridge joins two groups by one accepted alignment; see `merging.bridges`.
-    sure_alone: Share = Field(0.99, description="confidence from which a bridge needs no verification")
     min_whole: Share = Field(0.1, description="least confidence of a bridge by the groups as wholes")
     deviation_m: Metres = Field(0.05, description="standard deviation of an alignment without a covariance [m]")
     deviation_rad: float = Field(0.005, gt=0, description="standard deviation of its rotation [rad]")
