@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels import FloatArray, IntArray, kernel, part
 from tbmslam.kernels.adjustment.pose_systems import MotionSystem, add_between
 
 
@@ -58,7 +58,7 @@ def motion_equations(motions: Motions, poses: FloatArray) -> tuple[FloatArray, M
     return own, MotionSystem(motions.ends, across), gradient
 
 
-@kernel
+@part
 def _linearise(
     levers: FloatArray,
     measured: FloatArray,

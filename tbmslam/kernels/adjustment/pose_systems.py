@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels import FloatArray, IntArray, kernel, part
 
 
 class LineSystem(NamedTuple):
@@ -70,7 +70,7 @@ def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
     return product
 
 
-@kernel
+@part
 def _add_motion(across: FloatArray, source: int, target: int, changes: FloatArray, product: FloatArray) -> None:
     """Add the curvature of a motion between two poses times their changes to the product."""
     # All is read before anything is written: the processor need not wait for what it has just written.
@@ -92,7 +92,7 @@ def _add_motion(across: FloatArray, source: int, target: int, changes: FloatArra
     )
 
 
-@kernel
+@part
 def add_between(result: FloatArray, left: FloatArray, middle: FloatArray, right: FloatArray, weight: float) -> None:
     """Add weight * left^T middle right to a result; all are (3, 3)."""
     for a in range(3):
@@ -102,7 +102,7 @@ def add_between(result: FloatArray, left: FloatArray, middle: FloatArray, right:
                 result[i, j] += left[a, i] * inner
 
 
-@kernel
+@part
 def eliminated(lines: LineSystem, count: int) -> FloatArray:
     """Return the part of the diagonal blocks (N, 3, 3) that the elimination of the lines removes."""
     taken = np.zeros((count, 3, 3))

@@ -5,10 +5,10 @@ Libraries sum in an order that depends on the machine and its threads. Here the 
 
 import numpy as np
 
-from tbmslam.kernels import FloatArray, kernel
+from tbmslam.kernels import FloatArray, part
 
 
-@kernel
+@part
 def factorise(matrix: FloatArray) -> FloatArray:
     """Return the triangular factor D U (M, M) of a matrix U^T D U, where the diagonal of U is one.
 
@@ -30,7 +30,7 @@ def factorise(matrix: FloatArray) -> FloatArray:
     return factor
 
 
-@kernel
+@part
 def solve(factor: FloatArray, vector: FloatArray) -> None:
     """Replace the right-hand side (M,) by the solution of the factorised equations."""
     size = len(vector)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels import FloatArray, IntArray, kernel, part
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem, add_between, eliminated, times
 from tbmslam.kernels.adjustment.triangular import factorise, solve
 
@@ -66,7 +66,7 @@ def preconditioner_of(system: PoseSystem, poses: FloatArray, coarse: CoarseSpace
     return Preconditioner(inverses, nexts, levers, factorise(_coarse_curvature(system, coarse, levers)))
 
 
-@kernel
+@part
 def precondition(factors: Preconditioner, coarse: CoarseSpace, forces: FloatArray) -> FloatArray:
     """Return approximate changes (N, 3) of the poses for a right-hand side (N, 3)."""
     changes = np.empty_like(forces)
@@ -127,7 +127,7 @@ def conjugate_gradients(
     return changes
 
 
-@kernel
+@part
 def _product(one: FloatArray, other: FloatArray) -> float:
     total = 0.0
     for k in range(len(one)):
@@ -136,7 +136,7 @@ def _product(one: FloatArray, other: FloatArray) -> float:
     return total
 
 
-@kernel
+@part
 def _solve_chain(factors: Preconditioner, forces: FloatArray, changes: FloatArray) -> None:
     """Write the solution (N, 3) of the blocks of consecutive poses for a right-hand side (N, 3)."""
     x, y, theta = 0.0, 0.0, 0.0
@@ -163,7 +163,7 @@ def _solve_chain(factors: Preconditioner, forces: FloatArray, changes: FloatArra
         changes[k, 0], changes[k, 1], changes[k, 2] = x, y, theta
 
 
-@kernel
+@part
 def _coarse_curvature(system: PoseSystem, coarse: CoarseSpace, levers: FloatArray) -> FloatArray:
     """Return the upper triangle of the curvature (3 K, 3 K) of the knots."""
     count = len(coarse.knots)
@@ -181,7 +181,7 @@ def _coarse_curvature(system: PoseSystem, coarse: CoarseSpace, levers: FloatArra
     return matrix
 
 
-@kernel
+@part
 def _eliminate_lines(matrix: FloatArray, lines: LineSystem, coarse: CoarseSpace, levers: FloatArray) -> None:
     """Eliminate the lines from the curvature of the knots."""
     count = len(coarse.knots)
@@ -213,7 +213,7 @@ def _eliminate_lines(matrix: FloatArray, lines: LineSystem, coarse: CoarseSpace,
                 couplings[knot, i] = 0.0
 
 
-@kernel
+@part
 def _eliminate(matrix: FloatArray, couplings: FloatArray, knots: IntArray, inverse: tuple[float, float, float]) -> None:
     """Eliminate one line from the curvature of the knots (K,) that are coupled with it by `couplings` (K, 6)."""
     iaa, iad, idd = inverse
@@ -226,7 +226,7 @@ def _eliminate(matrix: FloatArray, couplings: FloatArray, knots: IntArray, inver
                     matrix[row, 3 * other + j] -= turn * couplings[other, 2 * j] + shift * couplings[other, 2 * j + 1]
 
 
-@kernel
+@part
 def _add_coarse_block(
     matrix: FloatArray, coarse: CoarseSpace, levers: FloatArray, one: int, other: int, block: FloatArray
 ) -> None:
@@ -251,7 +251,7 @@ def _add_coarse_block(
                 matrix[row + 2, col + j] += share * weight * (c + dx * b - dy * a)
 
 
-@kernel
+@part
 def _invert(matrix: FloatArray, inverse: FloatArray) -> None:
     """Write the inverse of a symmetric positive definite (3, 3) matrix."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels import FloatArray, IntArray, kernel, part
 
 _NOBODY = np.iinfo(np.int64).min
 _FEWEST = 1024
@@ -159,7 +159,7 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
     return Sightings(count, pieces_met, moments, observers, pieces), Pieces(table, numbers)
 
 
-@kernel
+@part
 def lines_by_cell(known: Pieces, lines: FloatArray, sectors: int) -> tuple[IntArray, IntArray]:
     """Return where the lines of each cell begin and end (C + 1,), and the pieces whose lines they are.
 
@@ -255,7 +255,7 @@ def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[Floa
     return moments, observers, begins
 
 
-@kernel
+@part
 def _most(begins: IntArray) -> int:
     """Return the largest number of hits of a stretch."""
     most = 0
@@ -264,7 +264,7 @@ def _most(begins: IntArray) -> int:
     return most
 
 
-@kernel
+@part
 def _place_hits(
     hits: npt.NDArray[np.float32],
     first: int,
@@ -289,7 +289,7 @@ def _place_hits(
     return used
 
 
-@kernel
+@part
 def _begin_sighting(
     moments: FloatArray, observers: IntArray, pieces: IntArray, o: int, observer: int, piece: int
 ) -> None:
@@ -298,7 +298,7 @@ def _begin_sighting(
         moments[o, m] = 0.0
 
 
-@kernel
+@part
 def _add_hit(moments: FloatArray, number: int, x: float, y: float) -> None:
     o = np.uint64(number)
     moments[o, 0] += 1.0
@@ -309,13 +309,13 @@ def _add_hit(moments: FloatArray, number: int, x: float, y: float) -> None:
     moments[o, 5] += y * y
 
 
-@kernel
+@part
 def _key_of(x: float, y: float, per_cell: float) -> int:
     """Return the key of the cell of a point relative to the offset of the cells [m]."""
     return (math.floor(y * per_cell) << 32) + math.floor(x * per_cell)
 
 
-@kernel
+@part
 def _sector_of(angle: float, sectors: int) -> int:
     """Return the direction nearest to an angle in [-2 pi, 2 pi]."""
     sector = math.floor(angle * (0.5 / math.pi) * sectors + 0.5)
@@ -323,7 +323,7 @@ def _sector_of(angle: float, sectors: int) -> int:
     return sector - (sectors if sector >= sectors else 0)
 
 
-@kernel
+@part
 def _place_of(cells: IntArray, key: int) -> np.uint64:
     """Return the place of a key in a hash table, or the free one where it belongs."""
     mask = len(cells) - 1
@@ -335,7 +335,7 @@ def _place_of(cells: IntArray, key: int) -> np.uint64:
     return place
 
 
-@kernel
+@part
 def _grown(table: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
     """Return the hash table of cells and the index of pieces with twice the size."""
     larger, more = np.full((2 * len(table), 2), _NOBODY), np.full(2 * len(numbers), -1)
@@ -348,7 +348,7 @@ def _grown(table: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
     return larger, more
 
 
-@kernel
+@part
 def _is_on(lines: FloatArray, number: int, x: float, y: float, way_x: float, way_y: float, reach: float) -> bool:
     """Return whether the end x, y of a beam lies near a line, within its length, and the line faces the laser."""
     px, py, lx, ly, half = lines[number, 0], lines[number, 1], lines[number, 2], lines[number, 3], lines[number, 4]

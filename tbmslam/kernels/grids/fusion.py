@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import kernel, part
 
 DISJUNCTIVE, CONJUNCTIVE, DEMPSTER, DUBOIS_PRADE, YAGER, AVERAGE, UNANIMOUS, LOG_ODDS, ENTROPY_FILTER = range(9)
 
@@ -63,7 +63,7 @@ def finish(
                 _store(fused, row, col, 0, _finished(rule, kept, row, col, count))
 
 
-@kernel
+@part
 def _start(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
     _store(kept, row, col, 0, belief)
     if rule == DUBOIS_PRADE:
@@ -76,7 +76,7 @@ def _start(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
         kept[row, col, 4] = kept[row, col, 5] = _log_odds(belief)
 
 
-@kernel
+@part
 def _add(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
     if rule >= UNANIMOUS:
         _add_evidence(rule, belief, kept, row, col)
@@ -100,7 +100,7 @@ def _add(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
     _store(kept, row, col, 0, after)
 
 
-@kernel
+@part
 def _add_evidence(rule: int, belief: Belief, kept: Cells, row: int, col: int) -> None:
     if rule == UNANIMOUS:
         if kept[row, col, 4] + kept[row, col, 5] == 0.0:  # earlier sources may be undecided
@@ -116,7 +116,7 @@ def _add_evidence(rule: int, belief: Belief, kept: Cells, row: int, col: int) ->
         kept[row, col, 5] = odds
 
 
-@kernel
+@part
 def _finished(rule: int, kept: Cells, row: int, col: int, count: int) -> Belief:
     m = _read(kept, row, col, 0)
     if rule == UNANIMOUS and kept[row, col, 4] + kept[row, col, 5] == 1.0:
@@ -143,7 +143,7 @@ def _finished(rule: int, kept: Cells, row: int, col: int, count: int) -> Belief:
     return m
 
 
-@kernel
+@part
 def _weighed(rule: int, first: float, second: float) -> Belief:
     """Return the belief for the two numbers of a rule without masses."""
     if rule == UNANIMOUS:
@@ -155,7 +155,7 @@ def _weighed(rule: int, first: float, second: float) -> Belief:
     return (0.0, max(-lean, 0.0), max(lean, 0.0), 1.0 - abs(lean))
 
 
-@kernel
+@part
 def _log_odds(m: Belief) -> float:
     """Return the log odds of being occupied; with P the pignistic probability, atanh(2 P - 1) is half of them."""
     rest = m[1] + m[2] + m[3]
@@ -163,7 +163,7 @@ def _log_odds(m: Belief) -> float:
     return 2.0 * math.atanh(min(max(lean, -_SUREST), _SUREST))
 
 
-@kernel
+@part
 def _believed(m: Belief, trust: float) -> Belief:
     if trust == 1.0:
         return m
@@ -171,7 +171,7 @@ def _believed(m: Belief, trust: float) -> Belief:
     return (m[0] * trust, m[1] * trust, m[2] * trust, m[3] * trust + doubt)
 
 
-@kernel
+@part
 def _conjunction(a: Belief, b: Belief) -> Belief:
     peace = a[1] + a[2] + a[3]
     return (
@@ -182,7 +182,7 @@ def _conjunction(a: Belief, b: Belief) -> Belief:
     )
 
 
-@kernel
+@part
 def _disjunction(a: Belief, b: Belief) -> Belief:
     certain = a[0] + a[1] + a[2]
     return (
@@ -193,7 +193,7 @@ def _disjunction(a: Belief, b: Belief) -> Belief:
     )
 
 
-@kernel
+@part
 def _normalised(m: Belief) -> Belief:
     rest = m[1] + m[2] + m[3]
     if rest > 0.0:
@@ -202,13 +202,13 @@ def _normalised(m: Belief) -> Belief:
     return (0.0, 0.0, 0.0, 1.0)
 
 
-@kernel
+@part
 def _rescaled(m: Belief) -> Belief:
     scale = 1.0 / (m[0] + m[1] + m[2] + m[3])
     return (m[0] * scale, m[1] * scale, m[2] * scale, m[3] * scale)
 
 
-@kernel
+@part
 def _read(cells: Cells, row: int, col: int, first: int) -> Belief:
     # A view of the cell as argument would take most of the time, since numba counts references to views.
     return (
@@ -219,7 +219,7 @@ def _read(cells: Cells, row: int, col: int, first: int) -> Belief:
     )
 
 
-@kernel
+@part
 def _store(cells: Cells, row: int, col: int, first: int, m: Belief) -> None:
     for subset in range(4):
         cells[row, col, first + subset] = m[subset]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import part
 
 Cell = tuple[int, int]
 """A row and a column."""
@@ -14,7 +14,7 @@ _TILE = 16
 """Columns of a tile; reading a rotated grid tile by tile stays within a small part of memory."""
 
 
-@kernel
+@part
 def resample(
     masses: npt.NDArray[np.float32],
     corner: Cell,
@@ -44,7 +44,7 @@ def resample(
                 _average_row(masses, corner, size, row_of, col_of, samples, row, resampled[index], left, right)
 
 
-@kernel
+@part
 def _read_row(
     masses: npt.NDArray[np.float32],
     corner: Cell,
@@ -71,7 +71,7 @@ def _read_row(
             resampled[index, 3] = 1.0
 
 
-@kernel
+@part
 def _average_row(
     masses: npt.NDArray[np.float32],
     corner: Cell,

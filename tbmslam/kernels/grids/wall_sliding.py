@@ -5,11 +5,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels import FloatArray, Pose, kernel, part
 from tbmslam.kernels.grids.walls import WallPoints, Walls, facing_cosine, place_walls, wall_points
 
 
-@kernel
+@part
 def _pull(
     moving: WallPoints,
     fixed: Walls,
@@ -76,7 +76,7 @@ def _pull(
     system[3, 0], system[3, 1], system[3, 2] = pulling, squares, number
 
 
-@kernel
+@part
 def _solved(system: FloatArray) -> Pose:
     """Return the solution of the normal equations: three columns, and the negative right-hand side."""
     a, b, c = system[0, 0], system[0, 1], system[0, 2]

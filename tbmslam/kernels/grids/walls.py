@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import BoolArray, FloatArray, Pose, kernel
+from tbmslam.kernels import BoolArray, FloatArray, Pose, kernel, part
 
 
 class Walls(NamedTuple):
@@ -54,7 +54,7 @@ OUTSIDE, NEITHER, AGREES, CONFLICTS, NOT_SEEN = range(5)
 """Results of `classify_walls` for a wall."""
 
 
-@kernel
+@part
 def facing_cosine(nx: float, ny: float, other_x: float, other_y: float, two_sided: bool) -> float:
     """Return the cosine between the normals of two walls, positive if either wall is two-sided."""
     cosine = nx * other_x + ny * other_y
@@ -76,7 +76,7 @@ class WallPoints(NamedTuple):
     """Flat indices (K,) of the cells of the other map; -1 outside."""
 
 
-@kernel
+@part
 def wall_points(walls: Walls, some: npt.NDArray[np.int64]) -> WallPoints:
     """Return some walls (K,) of a map, with uninitialised positions."""
     count = len(some)
@@ -91,7 +91,7 @@ def wall_points(walls: Walls, some: npt.NDArray[np.int64]) -> WallPoints:
     )
 
 
-@kernel
+@part
 def place_walls(moving: WallPoints, fixed: Walls, pose: Pose, back: bool) -> None:
     """Compute the positions of walls in a map for the pose T_fixed_moving, or its inverse with ``back``."""
     tx, ty, theta = pose

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels import BoolArray, FloatArray, kernel
+from tbmslam.kernels import BoolArray, FloatArray, kernel, part
 
 
 @kernel
@@ -49,7 +49,7 @@ def follow_beams(
     return blocked, suspected, _keep_runs(blocked, fewest), _keep_runs(suspected, fewest)
 
 
-@kernel
+@part
 def _keep_runs(marked: BoolArray, fewest: int) -> bool:
     """Remove the runs of fewer than `fewest` marked beams (B,); return whether other marks remain."""
     begin, keeps_any = 0, False

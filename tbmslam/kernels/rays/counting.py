@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import BoolArray, FloatArray, IntArray, kernel
+from tbmslam.kernels import BoolArray, FloatArray, IntArray, kernel, part
 from tbmslam.kernels.rays.lattice import Lattice
 
 Counts = npt.NDArray[np.int64]
@@ -31,13 +31,13 @@ COVERED = 0.8
 """Distance between neighbouring beams that together touch every cell between them [cells]."""
 
 
-@kernel
+@part
 def hits_in(count: int) -> int:
     """Return the number of scans that hit a cell."""
     return (count >> BITS) & LOW
 
 
-@kernel
+@part
 def passages_in(count: int) -> int:
     """Return the number of scans that passed a cell."""
     return count & LOW
@@ -134,7 +134,7 @@ def count_scans(
         _count_paths(cells, spoken, paths, number)
 
 
-@kernel
+@part
 def _measure_beams(
     laser: FloatArray, ends: FloatArray, first: int, number: int, resolution: float, beams: FloatArray
 ) -> None:
@@ -153,7 +153,7 @@ def _measure_beams(
         beams[5, i] = _seen_by_neighbours(beams, number, i, resolution)
 
 
-@kernel
+@part
 def _seen_by_neighbours(beams: FloatArray, count: int, number: int, resolution: float) -> float:
     """Return the share of a beam's length, from the laser, in which two other beams touch all of its cells.
 
@@ -172,7 +172,7 @@ def _seen_by_neighbours(beams: FloatArray, count: int, number: int, resolution: 
     return float(min(parted, a, b) / length)
 
 
-@kernel
+@part
 def _plan_paths(
     beams: FloatArray,
     number: int,
@@ -213,7 +213,7 @@ def _plan_paths(
         paths[7, i] = last_along * step + last_across * side
 
 
-@kernel
+@part
 def _count_paths(cells: npt.NDArray[np.int64], spoken: int, paths: IntArray, number: int) -> None:
     """Count a passage of the cells of each path, see `_plan_paths`."""
     for i in range(np.uint64(number)):
@@ -229,7 +229,7 @@ def _count_paths(cells: npt.NDArray[np.int64], spoken: int, paths: IntArray, num
             _count_pair(cells, entered, paths[7, i], spoken)
 
 
-@kernel
+@part
 def _count_pair(cells: npt.NDArray[np.int64], one: int, other: int, spoken: int) -> None:
     """Count a passage of two cells, which may be the same.
 
@@ -241,7 +241,7 @@ def _count_pair(cells: npt.NDArray[np.int64], one: int, other: int, spoken: int)
     cells[np.uint64(other)] = second if second >= spoken else (second & BOTH) + (spoken + 1)
 
 
-@kernel
+@part
 def write_masses(
     counts: Counts,
     hit_decay: FloatArray,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, kernel
+from tbmslam.kernels import FloatArray, kernel, part
 
 Motion = tuple[float, float, float]
 """x, y [m] and theta [rad]."""
@@ -32,7 +32,7 @@ def hit_points(
     return points[: _write_points(ranges, angle_min, angle_increment, beam_step, max_range, points)]
 
 
-@kernel
+@part
 def _write_points(
     ranges: FloatArray,
     angle_min: float,
@@ -61,7 +61,7 @@ def _write_points(
     return count
 
 
-@kernel
+@part
 def write_normals(points: FloatArray, apart: int, longest: float, normals: FloatArray) -> None:
     """Write unit normals (M, 2), towards the origin, of the surfaces of points (M, 2) in beam order.
 
@@ -98,7 +98,7 @@ def hits_of_scan(
     return points[:count], normals[:count]
 
 
-@kernel
+@part
 def write_hits(
     ranges: FloatArray,
     angle_min: float,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, kernel
+from tbmslam.kernels import FloatArray, kernel, part
 from tbmslam.kernels.rays.lattice import Lattice
 
 RATIO_LIMIT = 1e150
@@ -32,7 +32,7 @@ class BeamFactors(NamedTuple):
     """Whether the factors are summands."""
 
 
-@kernel
+@part
 def walk_beam(x0: float, y0: float, x1: float, y1: float, resolution: float, cells: npt.NDArray[np.int64]) -> int:
     """Write the lattice cells (M, 2) as (row, col) that a beam touches, from its start to its end; return their number.
 
@@ -71,7 +71,7 @@ def walk_beam(x0: float, y0: float, x1: float, y1: float, resolution: float, cel
     return count
 
 
-@kernel
+@part
 def _walk_bresenham(cells: npt.NDArray[np.int64], end_row: int, end_col: int) -> int:
     """Write an 8-connected walk from `cells[0]`, for the rare beam whose 4-connected walk misses its end cell."""
     row, col = cells[0, 0], cells[0, 1]
@@ -227,7 +227,7 @@ def insert_scan(
             _combine(ratios, row, col, miss[0], miss[1], adds)
 
 
-@kernel
+@part
 def touched_cells(
     starts: FloatArray, ends: FloatArray, is_hit: npt.NDArray[np.bool_], resolution: float
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
@@ -267,7 +267,7 @@ def touched_cells(
     return touched[:count], np.arange(count) < hits
 
 
-@kernel
+@part
 def _combine(ratios: FloatArray, row: int, col: int, free_factor: float, occupied_factor: float, adds: bool) -> None:
     if adds:
         ratios[row, col, 0] += free_factor

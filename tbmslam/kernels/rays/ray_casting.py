@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels import FloatArray, kernel
+from tbmslam.kernels import FloatArray, kernel, part
 
 
 @kernel
@@ -47,12 +47,12 @@ def cast_rays(
                 nearest[beam] = np.inf
 
 
-@kernel
+@part
 def _out_of_reach(x0: float, y0: float, x1: float, y1: float, limit: float) -> bool:
     return min(x0, x1) > limit or max(x0, x1) < -limit or min(y0, y1) > limit or max(y0, y1) < -limit
 
 
-@kernel
+@part
 def _beside(x0: float, y0: float, x1: float, y1: float, edges: tuple[float, float, float, float]) -> bool:
     """Return whether a segment lies entirely right of the rightmost beam or left of the leftmost beam."""
     low_x, low_y, high_x, high_y = edges
@@ -61,7 +61,7 @@ def _beside(x0: float, y0: float, x1: float, y1: float, edges: tuple[float, floa
     )
 
 
-@kernel
+@part
 def _cover(
     x0: float,
     y0: float,

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import IntArray, kernel
+from tbmslam.kernels import IntArray, kernel, part
 
 Labels = npt.NDArray[np.int32]
 
@@ -48,7 +48,7 @@ def components_of(cells: IntArray, reach: int) -> IntArray:
     return number
 
 
-@kernel
+@part
 def _root(parent: IntArray, index: int) -> int:
     while parent[index] != index:
         parent[index] = parent[parent[index]]

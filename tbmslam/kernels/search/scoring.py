@@ -2,11 +2,11 @@
 
 import math
 
-from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels import FloatArray, Pose, kernel, part
 from tbmslam.kernels.rays.lattice import Lattice
 
 
-@kernel
+@part
 def impact_at(ratios: FloatArray, row: int, col: int, disjunctive: bool = False) -> float:
     """Return the agreement of a cell with a certain hit, in [0, 1].
 

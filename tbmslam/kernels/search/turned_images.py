@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import IntArray, kernel
+from tbmslam.kernels import IntArray, kernel, part
 
 Points = npt.NDArray[np.complex128]
 Image = npt.NDArray[np.complex64]
@@ -41,7 +41,7 @@ def draw_turned(
         images[1, row, col] = np.complex64(complex(there.real, min(there.imag + filled[index], 1.0)))
 
 
-@kernel
+@part
 def _cells(points: Points, turn: complex, cell: float, images: Image) -> tuple[IntArray, IntArray]:
     """Return the rows and the columns (N,) of the cells of rotated points."""
     count, height, width = len(points), images.shape[1], images.shape[2]
@@ -54,14 +54,14 @@ def _cells(points: Points, turn: complex, cell: float, images: Image) -> tuple[I
     return rows, cols
 
 
-@kernel
+@part
 def _wrapped(index: int, size: int) -> int:
     """Return the remainder, by one addition if possible: a division takes ten times as long."""
     index += size if index < 0 else 0
     return index if 0 <= index < size else index % size
 
 
-@kernel
+@part
 def _turned(point: complex, turn: complex) -> tuple[float, float]:
     return point.real * turn.real - point.imag * turn.imag, point.real * turn.imag + point.imag * turn.real
 

@@ -3,19 +3,19 @@
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import part
 
 BLOCK = 16
 """Number of cells that are added at once; the width of a window is a multiple of it."""
 
 
-@kernel
+@part
 def blocks_for(reach: int) -> int:
     """Return the width of a window for all shifts by up to `reach` cells, a multiple of the block [cells]."""
     return -(-(2 * reach + 1) // BLOCK) * BLOCK
 
 
-@kernel
+@part
 def add_window(
     sums: npt.NDArray[np.integer], cells: npt.NDArray[np.integer], first: int, stride: int, rows: int, cols: int
 ) -> None:

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import kernel
+from tbmslam.kernels import kernel, part
 
 
-@kernel
+@part
 def determined_shares(
     information: npt.NDArray[np.float64], deviations: tuple[float, float, float]
 ) -> tuple[float, float, float]:
@@ -60,7 +60,7 @@ def prior_information(
     return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, turn + ly * xt - lx * yt]])
 
 
-@kernel
+@part
 def seen_by_robot(
     information: npt.NDArray[np.float64], heading: float, mount: tuple[float, float, float]
 ) -> npt.NDArray[np.float64]:

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels import FloatArray, Pose, kernel, part
 
 Outline = tuple[FloatArray, float, float, Pose]
 """Surfaces (beams - 1, 4) in the map's frame, the direction of the first beam, the step between beams [rad], and the
@@ -47,7 +47,7 @@ def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) ->
     return surfaces
 
 
-@kernel
+@part
 def are_straight(ends: FloatArray, middle: int, tolerance: float) -> bool:
     """Return whether one of the ends (N, 2) of beams is within a tolerance of the line through its neighbours [m]."""
     x, y = ends[middle - 1, 0], ends[middle - 1, 1]
@@ -56,7 +56,7 @@ def are_straight(ends: FloatArray, middle: int, tolerance: float) -> bool:
     return bool(area * area < tolerance * tolerance * (along_x * along_x + along_y * along_y))
 
 
-@kernel
+@part
 def share_on_outline(outline: Outline, x: float, y: float, normal_x: float, normal_y: float, width: float) -> float:
     """Return the weight in [0, 1] with which a hit lies on an outline.
 

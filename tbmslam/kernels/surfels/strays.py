@@ -2,7 +2,7 @@
 
 import math
 
-from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels import FloatArray, Pose, kernel, part
 from tbmslam.kernels.surfels.outline import Outline, are_straight, share_on_outline
 from tbmslam.kernels.surfels.surfels import SIDE, SurfelArrays, fit_surfel, layer_of, slot_of
 
@@ -67,7 +67,7 @@ def count_strays(
     return strays
 
 
-@kernel
+@part
 def _surface_of(points: FloatArray, normals: FloatArray, hit: int) -> tuple[float, float, float]:
     """Return the normal of a hit's surface and the distance from an outline at which the hit counts half [m].
 

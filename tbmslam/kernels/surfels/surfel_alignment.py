@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels import FloatArray, Pose, kernel, summing_kernel
+from tbmslam.kernels import FloatArray, Pose, kernel, part, summing_kernel
 from tbmslam.kernels.rays.hits import write_hits
 from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.kernels.surfels.surfels import (
@@ -47,7 +47,7 @@ TYPICAL_RANGE = 5.0
 """Distance of points in estimates of their motion by a rotation [m]."""
 
 
-@kernel
+@part
 def pair_up(
     surfels: SurfelArrays,
     points: FloatArray,
@@ -180,7 +180,7 @@ def place_scan(
     return align(surfels, points, normals, start, mean, information, search, NOWHERE, hessian), count
 
 
-@kernel
+@part
 def composed(first: Pose, second: Pose) -> Pose:
     """Return `first @ second` without wrapping the heading."""
     cosine, sine = math.cos(first[2]), math.sin(first[2])
@@ -276,14 +276,14 @@ def align(
     return x, y, theta, matched / max(independent, 1e-9), independent * _design_effect(independent, most), squared
 
 
-@kernel
+@part
 def _design_effect(independent: float, most: float) -> float:
     """Return the weight of a hit among correlated hits (Kish, 1965), so that all hits count as at most `most` hits."""
     in_common = 1.0 / (1.0 + IN_COMMON * max(independent - 1.0, 0.0))
     return min(in_common, most / max(independent, 1e-9))
 
 
-@kernel
+@part
 def _drop_weak_direction(hessian: FloatArray, gradient: FloatArray) -> None:
     """Remove a direction of the plane that hardly any surface determines, such as the one along a corridor.
 
@@ -313,7 +313,7 @@ def _drop_weak_direction(hessian: FloatArray, gradient: FloatArray) -> None:
     gradient[1] -= (1.0 - kept) * along * weak[1]
 
 
-@kernel
+@part
 def _solve(matrix: FloatArray, vector: FloatArray, solution: FloatArray) -> None:
     """Solve a symmetric positive definite (3, 3) system by Cholesky's method."""
     a = math.sqrt(max(matrix[0, 0], 1e-12))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels import FloatArray, Pose, kernel, part
 from tbmslam.kernels.search.windows import add_window, blocks_for
 from tbmslam.kernels.surfels.surfels import CELLS, SIDE, SurfelArrays, fit_surfel, layer_of, slot_of
 
@@ -63,7 +63,7 @@ def search(
     return best
 
 
-@kernel
+@part
 def _most_promising_first(bounds: npt.NDArray[np.float32], least: float) -> npt.NDArray[np.int64]:
     """Return the indices of bounds (N,) above a value, larger ones first, sorted by their integer parts.
 
@@ -91,7 +91,7 @@ def _most_promising_first(bounds: npt.NDArray[np.float32], least: float) -> npt.
     return order
 
 
-@kernel
+@part
 def _may_hold(surfels: SurfelArrays, margin: int) -> npt.NDArray[np.uint8]:
     """Return 1 for every cell (2, rows, cols) that may have a surface, with a margin on every side."""
     tiles, _, fits, _, _ = surfels
@@ -108,7 +108,7 @@ def _may_hold(surfels: SurfelArrays, margin: int) -> npt.NDArray[np.uint8]:
     return known
 
 
-@kernel
+@part
 def _bounds(
     surfels: SurfelArrays, points: FloatArray, normals: FloatArray, guess: Pose, reach: int, turns: FloatArray
 ) -> npt.NDArray[np.uint16]:
@@ -137,7 +137,7 @@ def _bounds(
     return bounds
 
 
-@kernel
+@part
 def _matched(
     surfels: SurfelArrays, points: FloatArray, normals: FloatArray, pose: Pose, tolerance: float, spare: float
 ) -> float:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels import FloatArray, Pose, kernel, part
 from tbmslam.kernels.rays.lattice import Lattice
 
 SurfelArray = npt.NDArray[np.float32]
@@ -48,13 +48,13 @@ SurfelArrays = tuple[TileIndex, SurfelArray, SurfelArray, tuple[float, int, int]
 """The fields of a `Surfels` as plain tuples, which are passed to a kernel in a quarter of the time."""
 
 
-@kernel
+@part
 def layer_of(normal_x: float, normal_y: float) -> int:
     """Return the layer of a surface from its normal in the map's frame."""
     return 1 if normal_x * FACING[0] + normal_y * FACING[1] > 0.0 else 0
 
 
-@kernel
+@part
 def slot_of(tiles: TileIndex, layer: int, row: int, col: int) -> np.uint32:
     """Return the slot of a cell; slots below `CELLS` belong to the unused tile."""
     # Unsigned indices need no check for negative values.
@@ -113,7 +113,7 @@ def claim_tiles(tiles: TileIndex, used: int, cells: Cells) -> int:
     return used
 
 
-@kernel
+@part
 def _claim_tile(tiles: TileIndex, layer: int, row: int, col: int, used: int) -> int:
     """Give the number `used` to a tile without one, and return how many are in use then."""
     if tiles[np.uint32(layer), np.uint32(row), np.uint32(col)] != 0:
@@ -169,7 +169,7 @@ def insert_hits(surfels: SurfelArrays, used: int, points: FloatArray, normals: F
     return used
 
 
-@kernel
+@part
 def fit_surfel(surfels: SurfelArrays, layer: int, row: int, col: int) -> None:
     """Fit one surfel to the hits of its cell and of the eight cells around it."""
     tiles, moments, fits, lattice, limits = surfels

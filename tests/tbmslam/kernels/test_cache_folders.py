@@ -13,7 +13,7 @@ from tbmslam.kernels.cache_folders import cache_folder, cache_root, imported_fil
 PACKAGE = Path(__file__).parents[3] / "tbmslam"
 HEAD = "from tbmslam.kernels import kernel\n"
 KERNELS = {
-    "inner": HEAD + "\n\n@kernel\ndef inner(x):\n    return x + 1\n",
+    "inner": HEAD.replace("kernel\n", "part\n") + "\n\n@part\ndef inner(x):\n    return x + 1\n",
     "middle": HEAD + "from tbmslam.kernels.inner import inner\n\n\n@kernel\ndef middle(x):\n    return inner(x)\n",
     "outer": HEAD + "from tbmslam.kernels.middle import middle\n\n\n@kernel\ndef outer(x):\n    return middle(x)\n",
     "other": HEAD + "\n\n@kernel\ndef other(x):\n    return x - 1\n",

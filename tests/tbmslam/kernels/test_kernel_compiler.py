@@ -1,6 +1,7 @@
 import numba
 import numpy as np
 
+from tbmslam.kernels import kernel, part
 from tbmslam.kernels.kernel_compiler import KernelCompiler
 
 
@@ -20,3 +21,26 @@ def test_compiled_code_does_what_python_does():
     compiled = numba.njit(function, pipeline_class=KernelCompiler)
     arguments = np.array([1.0, 5.0, 2.0]), (2.0, 7, 3.0), np.ones((2, 4), dtype=np.float32)
     assert compiled(*arguments) == function(*arguments) == (8.0, 7, 4)
+
+
+@part
+def halved(numbers):
+    return numbers / 2.0
+
+
+@part
+def lowered(numbers, by):
+    halves = halved(numbers)
+    halves[0] -= by[0]
+    return halves
+
+
+@kernel
+def both(numbers, wide):
+    return lowered(numbers, (1.0, 2.0))[0], halved(wide)[1]
+
+
+def test_parts_are_compiled_into_the_kernels_that_call_them():
+    assert both(np.array([4.0, 2.0]), np.array([4.0, 2.0], dtype=np.float32)) == (1.0, 1.0)
+    assert lowered(np.array([4.0, 2.0]), (3.0, 2.0)).tolist() == [-1.0, 1.0]  # Python calls it, too
+    assert both(np.array([-4.0, 2.0]), np.array([-4.0, 2.0], dtype=np.float32)) == (-3.0, 1.0)
