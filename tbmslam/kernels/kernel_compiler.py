@@ -56,7 +56,6 @@ class _LinkedLibrary(JITCodeLibrary):
     def finalize(self) -> None:
         """Link what this code calls."""
         for library in dict.fromkeys(self._linking_libraries):
-            self._reload_init.update(library._reload_init)  # noqa: SLF001 - as numba's own libraries do
             self._final_module.link_in(library._get_module_for_linking(), preserve=True)  # noqa: SLF001
         self._finalized = True
 

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, kernel
+from tbmslam.kernels.arrays import cleared
 
 
 @kernel
@@ -18,8 +19,8 @@ def compose_chain(
     the frame at the end. The covariances between two nodes are transformed to the end and summed (first order; Sola et
     al., eq. 54).
     """
-    composed, summed = np.zeros((len(nodes) - 1, 3)), np.zeros((len(nodes) - 1, 3, 3))
-    adjoint, carried = np.zeros((3, 3)), np.empty((3, 3))
+    composed, summed = cleared(np.empty((len(nodes) - 1, 3))), cleared(np.empty((len(nodes) - 1, 3, 3)))
+    adjoint, carried = cleared(np.empty((3, 3))), np.empty((3, 3))
     adjoint[2, 2] = 1.0
     for number in range(len(nodes) - 1):
         x, y, theta = 0.0, 0.0, 0.0

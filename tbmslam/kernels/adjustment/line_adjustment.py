@@ -11,6 +11,7 @@ import numpy as np
 from tbmslam.kernels import FloatArray, IntArray, kernel
 from tbmslam.kernels.adjustment.pose_systems import LineSystem
 from tbmslam.kernels.adjustment.wall_pieces import Sightings
+from tbmslam.kernels.arrays import cleared
 
 
 @kernel
@@ -22,7 +23,7 @@ def fit_lines(seen: Sightings, poses: FloatArray, enough: float, limits: FloatAr
     [m].
     """
     # For each piece: number of sightings, position of the first observer, and weighted moments relative to it.
-    sums = np.zeros((seen.pieces_met, 9))
+    sums = cleared(np.empty((seen.pieces_met, 9)))
     moments, observers, pieces = seen.moments, seen.observers, seen.pieces
     for o in range(seen.size):
         piece, count, x, y = pieces[o], moments[o, 0], moments[o, 1], moments[o, 2]
@@ -38,7 +39,7 @@ def fit_lines(seen: Sightings, poses: FloatArray, enough: float, limits: FloatAr
         sums[piece, 6] += weight * (moments[o, 3] + 2.0 * x * dx + count * dx * dx)
         sums[piece, 7] += weight * (moments[o, 4] + x * dy + y * dx + count * dx * dy)
         sums[piece, 8] += weight * (moments[o, 5] + 2.0 * y * dy + count * dy * dy)
-    lines = np.zeros((seen.pieces_met, 5))
+    lines = cleared(np.empty((seen.pieces_met, 5)))
     for piece in range(len(lines)):
         saw, x0, y0, n = sums[piece, 0], sums[piece, 1], sums[piece, 2], sums[piece, 3]
         if saw < 2.0 or n < limits[0]:  # a single sighting does not constrain the poses
@@ -94,8 +95,8 @@ def line_equations(
     gradient
         Gradient (N, 3) after the elimination.
     """
-    blocks, gradient = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
-    couplings, inverses = np.zeros((len(moments), 3, 2)), np.zeros((len(lines), 3))
+    blocks, gradient = cleared(np.empty((len(poses), 3, 3))), cleared(np.empty((len(poses), 3)))
+    couplings, inverses = cleared(np.empty((len(moments), 3, 2))), cleared(np.empty((len(lines), 3)))
     for piece in range(len(lines)):
         px, py, lx, ly = lines[piece, 0], lines[piece, 1], lines[piece, 2], lines[piece, 3]
         if lines[piece, 4] == 0.0:

@@ -7,6 +7,7 @@ import numpy as np
 
 from tbmslam.kernels import FloatArray, IntArray, kernel, part
 from tbmslam.kernels.adjustment.pose_systems import MotionSystem, add_between
+from tbmslam.kernels.arrays import cleared
 
 
 class Motions(NamedTuple):
@@ -31,9 +32,9 @@ def motion_equations(motions: Motions, poses: FloatArray) -> tuple[FloatArray, M
     A change of a pose is dx, dy in the map's frame and dtheta about its position. Returns the diagonal blocks (N, 3, 3)
     of the curvature, its other blocks, and the gradient (N, 3) of half the squared deviations.
     """
-    own, gradient = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
-    across = np.zeros((len(motions.ends), 3, 3))
-    error, pull, slopes = np.empty(3), np.empty(3), np.zeros((2, 3, 3))
+    own, gradient = cleared(np.empty((len(poses), 3, 3))), cleared(np.empty((len(poses), 3)))
+    across = cleared(np.empty((len(motions.ends), 3, 3)))
+    error, pull, slopes = np.empty(3), np.empty(3), cleared(np.empty((2, 3, 3)))
     for e in range(len(motions.ends)):
         source, target = motions.ends[e, 0], motions.ends[e, 1]
         _linearise(motions.levers[e], motions.measured[e], poses[source], poses[target], error, slopes)

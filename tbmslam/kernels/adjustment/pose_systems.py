@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tbmslam.kernels import FloatArray, IntArray, kernel, part
+from tbmslam.kernels.arrays import cleared
 
 
 class LineSystem(NamedTuple):
@@ -42,7 +43,7 @@ class PoseSystem(NamedTuple):
 def times(system: PoseSystem, changes: FloatArray) -> FloatArray:
     """Return the curvature after the elimination of the lines, times changes (N, 3) of the poses."""
     own, lines, motions = system
-    product = np.empty_like(changes)
+    product = np.empty(changes.shape)
     for k in range(len(changes)):
         x, y, theta = changes[k, 0], changes[k, 1], changes[k, 2]
         for i in range(3):
@@ -105,7 +106,7 @@ def add_between(result: FloatArray, left: FloatArray, middle: FloatArray, right:
 @part
 def eliminated(lines: LineSystem, count: int) -> FloatArray:
     """Return the part of the diagonal blocks (N, 3, 3) that the elimination of the lines removes."""
-    taken = np.zeros((count, 3, 3))
+    taken = cleared(np.empty((count, 3, 3)))
     for line in range(len(lines.inverses)):
         iaa, iad, idd = lines.inverses[line, 0], lines.inverses[line, 1], lines.inverses[line, 2]
         if idd == 0.0:

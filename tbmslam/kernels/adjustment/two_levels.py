@@ -12,6 +12,7 @@ import numpy as np
 from tbmslam.kernels import FloatArray, IntArray, kernel, part
 from tbmslam.kernels.adjustment.pose_systems import LineSystem, PoseSystem, add_between, eliminated, times
 from tbmslam.kernels.adjustment.triangular import factorise, solve
+from tbmslam.kernels.arrays import cleared
 
 
 class CoarseSpace(NamedTuple):
@@ -43,7 +44,7 @@ def preconditioner_of(system: PoseSystem, poses: FloatArray, coarse: CoarseSpace
     """Return the preconditioner at poses (N, 3)."""
     # Element by element, since assigning whole rows takes seconds to compile.
     alone = eliminated(system.lines, len(poses))
-    nexts = np.zeros_like(alone)
+    nexts = cleared(np.empty(alone.shape))
     for e in range(len(system.motions.ends)):
         source, target = system.motions.ends[e, 0], system.motions.ends[e, 1]
         for i in range(3):
@@ -52,7 +53,7 @@ def preconditioner_of(system: PoseSystem, poses: FloatArray, coarse: CoarseSpace
                     nexts[source, i, j] += system.motions.across[e, i, j]
                 elif source == target + 1:
                     nexts[target, j, i] += system.motions.across[e, i, j]
-    inverses, levers = np.empty_like(alone), np.empty((len(poses), 2, 2))
+    inverses, levers = np.empty(alone.shape), np.empty((len(poses), 2, 2))
     for k in range(len(poses)):
         for i in range(3):
             for j in range(3):
@@ -69,9 +70,9 @@ def preconditioner_of(system: PoseSystem, poses: FloatArray, coarse: CoarseSpace
 @part
 def precondition(factors: Preconditioner, coarse: CoarseSpace, forces: FloatArray) -> FloatArray:
     """Return approximate changes (N, 3) of the poses for a right-hand side (N, 3)."""
-    changes = np.empty_like(forces)
+    changes = np.empty(forces.shape)
     _solve_chain(factors, forces, changes)
-    knots = np.zeros(3 * len(coarse.knots))
+    knots = cleared(np.empty(3 * len(coarse.knots)))
     for k in range(len(forces)):
         for side in range(2):
             share, at = coarse.shares[k, side], 3 * coarse.sides[k, side]
@@ -104,10 +105,10 @@ def conjugate_gradients(
     Preconditioned conjugate gradients (Saad, "Iterative methods for sparse linear systems", 2003, algorithm 9.1), until
     the ratio of the norms of the residual and of the right-hand side is below `precision`.
     """
-    changes, left = np.zeros_like(gradient), gradient.copy()
+    changes, left = cleared(np.empty(gradient.shape)), gradient.copy()
     enough = precision**2 * _product(gradient, gradient)
     before = 0.0
-    direction = np.zeros_like(gradient)
+    direction = cleared(np.empty(gradient.shape))
     for _ in range(most_steps):
         if _product(left, left) <= enough:
             break
@@ -167,7 +168,7 @@ def _solve_chain(factors: Preconditioner, forces: FloatArray, changes: FloatArra
 def _coarse_curvature(system: PoseSystem, coarse: CoarseSpace, levers: FloatArray) -> FloatArray:
     """Return the upper triangle of the curvature (3 K, 3 K) of the knots."""
     count = len(coarse.knots)
-    matrix, turned = np.zeros((3 * count, 3 * count)), np.empty((3, 3))
+    matrix, turned = cleared(np.empty((3 * count, 3 * count))), np.empty((3, 3))
     for k in range(len(system.own)):
         _add_coarse_block(matrix, coarse, levers, k, k, system.own[k])
     for e in range(len(system.motions.ends)):
@@ -185,7 +186,11 @@ def _coarse_curvature(system: PoseSystem, coarse: CoarseSpace, levers: FloatArra
 def _eliminate_lines(matrix: FloatArray, lines: LineSystem, coarse: CoarseSpace, levers: FloatArray) -> None:
     """Eliminate the lines from the curvature of the knots."""
     count = len(coarse.knots)
-    couplings, met, is_met = np.zeros((count, 6)), np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)
+    couplings, met, is_met = (
+        cleared(np.empty((count, 6))),
+        np.empty(count, dtype=np.int64),
+        cleared(np.empty(count, dtype=np.bool_)),
+    )
     by_pose, inverses, observers, begins = lines
     sides, shares = coarse.sides, coarse.shares
     for line in range(len(inverses)):

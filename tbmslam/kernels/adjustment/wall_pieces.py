@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, IntArray, kernel, part
+from tbmslam.kernels.arrays import cleared
 
 _NOBODY = np.iinfo(np.int64).min
 _FEWEST = 1024
@@ -92,7 +93,10 @@ def gather_hits(
         size += (offsets[k + 1] - offsets[k] + every - 1) // every
     walls, loose = np.empty((size, 3), dtype=np.float32), np.empty((size, 2), dtype=np.float32)
     sines = np.empty(size, dtype=np.float32)
-    wall_begins, loose_begins = np.zeros(len(offsets), dtype=np.int64), np.zeros(len(offsets), dtype=np.int64)
+    wall_begins, loose_begins = (
+        cleared(np.empty(len(offsets), dtype=np.int64)),
+        cleared(np.empty(len(offsets), dtype=np.int64)),
+    )
     max_range, gap, bulge = limits
     known, unknown = 0, 0
     for k in range(len(places)):
@@ -128,7 +132,8 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
     size = (begins[-1] + hits.loose_begins[-1]) // every + 2 * len(poses)  # the rest of each stretch is rounded up
     moments, observers, pieces = np.empty((size, 6)), np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
     latest = np.empty(size, dtype=np.int64)
-    table, numbers = np.full((_FEWEST, 2), _NOBODY), np.full(_FEWEST // 2 * sectors, -1)
+    table, numbers = np.empty((_FEWEST, 2), dtype=np.int64), np.empty(_FEWEST // 2 * sectors, dtype=np.int64)
+    table[...], numbers[:] = _NOBODY, -1
     most = _most(begins)
     placed, keys, facing = np.empty((2, most)), np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
     count, cells, pieces_met = 0, 0, 0
@@ -153,7 +158,9 @@ def see_walls(hits: StretchHits, every: int, poses: FloatArray, raster: Raster) 
             o = latest[np.uint64(piece)]
             if o < first:
                 latest[piece] = o = count
-                _begin_sighting(moments, observers, pieces, o, k, piece)
+                observers[o], pieces[o] = k, piece
+                for m in range(6):
+                    moments[o, m] = 0.0
                 count += 1
             _add_hit(moments, o, placed[0, j], placed[1, j])
     return Sightings(count, pieces_met, moments, observers, pieces), Pieces(table, numbers)
@@ -165,7 +172,10 @@ def lines_by_cell(known: Pieces, lines: FloatArray, sectors: int) -> tuple[IntAr
 
     This reverses the directions of lines (L, 5), see `line_adjustment.fit_lines`, so that their pieces face left.
     """
-    begins, members = np.zeros(len(known.numbers) // sectors + 1, dtype=np.int64), np.empty(len(lines), dtype=np.int64)
+    begins, members = (
+        cleared(np.empty(len(known.numbers) // sectors + 1, dtype=np.int64)),
+        np.empty(len(lines), dtype=np.int64),
+    )
     count = 0
     for at in range(len(known.numbers)):
         piece = known.numbers[at]
@@ -197,7 +207,8 @@ def join_walls(
     """
     loose, begins = hits.loose, hits.loose_begins
     count, pieces_met, moments, observers, pieces = seen
-    latest = np.full(len(lines), -1)
+    latest = np.empty(len(lines), dtype=np.int64)
+    latest[:] = -1
     firsts, members = lines_by_cell(known, lines, raster.sectors)
     placed, keys = np.empty((2, _most(begins))), np.empty(_most(begins), dtype=np.int64)
     had, own = count, 0
@@ -220,7 +231,9 @@ def join_walls(
             o = latest[np.uint64(piece)]
             if o < 0 or observers[np.uint64(o)] != k:
                 latest[piece] = o = count
-                _begin_sighting(moments, observers, pieces, o, k, piece)
+                observers[o], pieces[o] = k, piece
+                for m in range(6):
+                    moments[o, m] = 0.0
                 count += 1
             _add_hit(moments, o, x, y)
     return Sightings(count, pieces_met, moments, observers, pieces)
@@ -233,7 +246,7 @@ def sort_sightings(seen: Sightings, numbers: IntArray, count: int) -> tuple[Floa
     `numbers` are the new numbers of the pieces, L in all; pieces with negative numbers are left out. The first indices
     include the end of the last piece.
     """
-    begins = np.zeros(count + 1, dtype=np.int64)
+    begins = cleared(np.empty(count + 1, dtype=np.int64))
     for o in range(seen.size):
         number = numbers[seen.pieces[o]]
         if number >= 0:
@@ -290,15 +303,6 @@ def _place_hits(
 
 
 @part
-def _begin_sighting(
-    moments: FloatArray, observers: IntArray, pieces: IntArray, o: int, observer: int, piece: int
-) -> None:
-    observers[o], pieces[o] = observer, piece
-    for m in range(6):
-        moments[o, m] = 0.0
-
-
-@part
 def _add_hit(moments: FloatArray, number: int, x: float, y: float) -> None:
     o = np.uint64(number)
     moments[o, 0] += 1.0
@@ -338,7 +342,8 @@ def _place_of(cells: IntArray, key: int) -> np.uint64:
 @part
 def _grown(table: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
     """Return the hash table of cells and the index of pieces with twice the size."""
-    larger, more = np.full((2 * len(table), 2), _NOBODY), np.full(2 * len(numbers), -1)
+    larger, more = np.empty((2 * len(table), 2), dtype=np.int64), np.empty(2 * len(numbers), dtype=np.int64)
+    larger[...], more[:] = _NOBODY, -1
     for old in range(len(table)):
         if table[old, 0] != _NOBODY:
             place = _place_of(larger, table[old, 0])

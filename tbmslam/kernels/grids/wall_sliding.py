@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel, part
+from tbmslam.kernels.arrays import cleared
 from tbmslam.kernels.grids.walls import WallPoints, Walls, facing_cosine, place_walls, wall_points
 
 
@@ -111,7 +112,7 @@ def slide_walls(
     distorted walls have little influence.
     """
     slid = motions.copy()
-    middle = np.zeros(2)
+    middle = cleared(np.empty(2))
     for k in source_some:
         middle[0] += source.points[k, 0] / len(source_some)
         middle[1] += source.points[k, 1] / len(source_some)

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import BoolArray, FloatArray, Pose, kernel, part
+from tbmslam.kernels.arrays import cleared
 
 
 class Walls(NamedTuple):
@@ -125,7 +126,7 @@ def compare_walls(
     them is free, so the other robot would have seen them. XX, XY, YY: scatter of the normals of agreeing walls.
     SQUARES: their squared distances.
     """
-    sums = np.zeros((len(motions), 8))
+    sums = cleared(np.empty((len(motions), 8)))
     rows, cols = fixed.states.shape
     distances, nearest, states = fixed.distances.reshape(-1), fixed.nearest.reshape(-1), fixed.states.reshape(-1)
     # Each access to an array of a tuple counts its references, which takes longer than to read the array.
@@ -183,7 +184,7 @@ def classify_walls(
 ) -> npt.NDArray[np.uint8]:
     """Return the result of the comparison for each of some walls (K,) and one motion, see `compare_walls`."""
     # This repeats the tests of `compare_walls`, which would take six times as long with a call for each wall.
-    found = np.zeros(len(some), dtype=np.uint8)
+    found = cleared(np.empty(len(some), dtype=np.uint8))
     points, normals, two_sided = moving.points, moving.normals, moving.two_sided
     distances, nearest, states = fixed.distances, fixed.nearest, fixed.states
     fixed_normals, fixed_two_sided = fixed.normals, fixed.two_sided
@@ -222,7 +223,7 @@ def see_through_walls(moving: Walls, fixed: Walls, motion: Pose, reach: float) -
 
     A wall displaced by a deformation is not found, since its counterpart lies within reach along the normal.
     """
-    found = np.zeros(len(moving.points), dtype=np.bool_)
+    found = cleared(np.empty(len(moving.points), dtype=np.bool_))
     points, normals, states = moving.points, moving.normals, fixed.states
     rows, cols = states.shape
     cosine, sine = math.cos(motion[2]), math.sin(motion[2])

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from tbmslam.kernels import BoolArray, FloatArray, kernel, part
+from tbmslam.kernels.arrays import cleared
 
 
 @kernel
@@ -31,7 +32,7 @@ def follow_beams(
     """
     stamp, path_length, turn, step = here
     spread, near, travelled, turned, very_near, soon, soon_turned = limits
-    blocked, suspected = np.zeros(len(ranges), dtype=np.bool_), np.zeros(len(ranges), dtype=np.bool_)
+    blocked, suspected = cleared(np.empty(len(ranges), dtype=np.bool_)), cleared(np.empty(len(ranges), dtype=np.bool_))
     for i in range(len(ranges)):
         # A lost beam is no evidence: a laser with a short range sees few things, some at equal ranges by chance.
         if not math.isfinite(ranges[i]):

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import BoolArray, FloatArray, IntArray, kernel, part
+from tbmslam.kernels.arrays import cleared
 from tbmslam.kernels.rays.lattice import Lattice
 
 Counts = npt.NDArray[np.int64]
@@ -67,8 +68,8 @@ def beam_ends(
         Whether beams without a return clear the space up to their limit; otherwise they are ignored.
     """
     ends = np.empty((len(ranges), 2))
-    is_hit = np.zeros(len(ranges), dtype=np.bool_)
-    starts = np.zeros(len(offsets), dtype=np.int64)
+    is_hit = cleared(np.empty(len(ranges), dtype=np.bool_))
+    starts = cleared(np.empty(len(offsets), dtype=np.int64))
     count = 0
     for k in range(len(poses)):
         limit = min(max_range, beams[k, 3])

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, kernel, part
+from tbmslam.kernels.arrays import cleared
 
 Motion = tuple[float, float, float]
 """x, y [m] and theta [rad]."""
@@ -129,7 +130,7 @@ def hits_of_scans(
 
     The scans are given as in `tbmslam.map.keyframes.Keyframes`. Single precision keeps errors near a micrometre.
     """
-    begins, longest = np.zeros(len(offsets), dtype=np.int64), 0
+    begins, longest = cleared(np.empty(len(offsets), dtype=np.int64)), 0
     for k in range(len(beams)):
         count = 0
         for i in range(offsets[k], offsets[k + 1]):
@@ -194,7 +195,7 @@ def move_hits(
     points: FloatArray, normals: FloatArray, pose: tuple[float, float, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Return points (N, 2) and normals (N, 2) transformed by a pose."""
-    moved, turned = np.empty_like(points), np.empty_like(normals)
+    moved, turned = np.empty(points.shape), np.empty(normals.shape)
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     for i in range(len(points)):
         moved[i, 0] = pose[0] + cosine * points[i, 0] - sine * points[i, 1]

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, kernel, part
+from tbmslam.kernels.arrays import cleared
 from tbmslam.kernels.rays.lattice import Lattice
 
 RATIO_LIMIT = 1e150
@@ -242,7 +243,7 @@ def touched_cells(
             low_y, high_y = min(low_y, points[i, 1]), max(high_y, points[i, 1])
     row0, col0 = math.floor(low_y / resolution), math.floor(low_x / resolution)
     rows, cols = math.floor(high_y / resolution) - row0 + 1, math.floor(high_x / resolution) - col0 + 1
-    spoken = np.zeros((rows, cols), dtype=np.bool_)
+    spoken = cleared(np.empty((rows, cols), dtype=np.bool_))
     walk = np.empty((rows + cols + 2, 2), dtype=np.int64)
     touched = np.empty((rows * cols, 2), dtype=np.int32)
     count = 0

@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import IntArray, kernel, part
+from tbmslam.kernels.arrays import cleared
 
 Labels = npt.NDArray[np.int32]
 
@@ -19,7 +20,7 @@ def components_of(cells: IntArray, reach: int) -> IntArray:
     number = np.empty(count, dtype=np.int64)
     if count == 0:
         return number
-    first = np.zeros(cells[-1, 0] + 2, dtype=np.int64)  # of each row, the number of cells before it
+    first = cleared(np.empty(cells[-1, 0] + 2, dtype=np.int64))  # of each row, the number of cells before it
     for index in range(count):
         first[cells[index, 0] + 1] += 1
     for row in range(1, len(first)):
@@ -62,7 +63,7 @@ def boxes_of(labels: Labels, count: int) -> Labels:
 
     Labels are from 0 up to, and without, ``count``. A label without cells has zeros.
     """
-    boxes = np.zeros((count, 5), dtype=np.int32)
+    boxes = cleared(np.empty((count, 5), dtype=np.int32))
     rows, cols = labels.shape
     for row in range(rows):
         first = 0

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel
+from tbmslam.kernels.arrays import cleared
 from tbmslam.kernels.rays.counting import Counts, hits_in, passages_in
 from tbmslam.kernels.rays.lattice import PlainLattice
 from tbmslam.kernels.search.windows import add_window, blocks_for
@@ -29,7 +30,7 @@ def search_field(counts: Counts, free_penalty: float) -> GainField:
     scans passed, and 0 elsewhere.
     """
     rows, cols = counts.shape
-    field = np.zeros((rows, cols), dtype=np.int8)
+    field = cleared(np.empty((rows, cols), dtype=np.int8))
     free = np.int8(-round(free_penalty * WALL))
     for row in range(rows):
         for col in range(cols):
@@ -51,7 +52,8 @@ def coarser_field(field: GainField, lattice: PlainLattice) -> tuple[GainField, P
     rows, cols = field.shape
     top, left = first_row // 2, first_col // 2
     height, width = (first_row + rows - 1) // 2 - top + 1, (first_col + cols - 1) // 2 - left + 1
-    coarse = np.full((height, width), -128, dtype=np.int8)
+    coarse = np.empty((height, width), dtype=np.int8)
+    coarse[...] = -128
     for row in range(rows):
         for col in range(cols):
             r, c = (first_row + row) // 2 - top, (first_col + col) // 2 - left
@@ -83,8 +85,9 @@ def top_places(sums: Sums, cost: float, clear: int, count: int) -> tuple[FloatAr
     """
     turns, width, _ = sums.shape
     reach = width // 2
-    top = np.full((width, width), -np.inf)
-    turn = np.zeros((width, width), dtype=np.int64)
+    top = np.empty((width, width))
+    top[...] = -np.inf
+    turn = cleared(np.empty((width, width), dtype=np.int64))
     for k in range(turns):
         for row in range(width):
             for col in range(width):
@@ -93,7 +96,8 @@ def top_places(sums: Sums, cost: float, clear: int, count: int) -> tuple[FloatAr
     for row in range(width):
         for col in range(width):
             top[row, col] -= cost * math.hypot(row - reach, col - reach)
-    scores, places = np.full(count, -np.inf), np.zeros((count, 3), dtype=np.int64)
+    scores, places = np.empty(count), cleared(np.empty((count, 3), dtype=np.int64))
+    scores[:] = -np.inf
     for number in range(count):
         for row in range(width):
             for col in range(width):
@@ -121,12 +125,12 @@ def correlate(
     rows, cols = field.shape
     width, margin = 2 * reach + 1, blocks_for(reach)
     # A border of zeros makes checks of single points unnecessary.
-    wide = np.zeros((rows + 2 * margin, cols + 2 * margin), dtype=np.int8)
+    wide = cleared(np.empty((rows + 2 * margin, cols + 2 * margin), dtype=np.int8))
     for row in range(rows):
         for col in range(cols):
             wide[margin + row, margin + col] = field[row, col]
     cells, (wide_rows, wide_cols) = wide.reshape(-1), wide.shape
-    sums = np.zeros((len(turns), width, width), dtype=np.int32)
+    sums = cleared(np.empty((len(turns), width, width), dtype=np.int32))
     few = np.empty(width * margin, dtype=np.int16)
     for k in range(len(turns)):
         theta = guess[2] + turns[k]

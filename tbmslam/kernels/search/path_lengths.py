@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels.arrays import cleared
 
 
 @kernel
@@ -45,7 +46,8 @@ def shortest_paths(places: int, edges: IntArray, lengths: FloatArray, start: int
 
     Bellman and Ford's algorithm, with the edges in both orders. It converges quickly for edges sorted by place.
     """
-    distances = np.full(places, np.inf)
+    distances = np.empty(places)
+    distances[:] = np.inf
     distances[start] = 0.0
     shorter = True
     while shorter:
@@ -72,7 +74,7 @@ def revisited(poses: FloatArray, first: int, reach: float, turn: float, enough: 
     cells = rows * stride + cols
     order = np.argsort(cells, kind="mergesort")
     in_order = cells[order]
-    shown = np.zeros(len(poses), dtype=np.bool_)
+    shown = cleared(np.empty(len(poses), dtype=np.bool_))
     for k in range(first, len(poses)):
         count = 0
         for row in range(-1, 2):

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from tbmslam.kernels import FloatArray, IntArray, kernel
+from tbmslam.kernels.arrays import cleared
 
 
 @kernel
@@ -20,7 +21,7 @@ def common_weight(
     information [m].
     """
     count = len(places)
-    agreeing = np.zeros((count, count))
+    agreeing = cleared(np.empty((count, count)))
     for i in range(count):
         for k in range(i):
             here = math.hypot(places[i, 0] - places[k, 0], places[i, 1] - places[k, 1])
@@ -30,7 +31,7 @@ def common_weight(
                 agreeing[i, k] = agreeing[k, i] = math.sqrt(weights[i] * weights[k])
     vector, length = weights.copy(), 0.0
     for _ in range(_ROUNDS):
-        turned = np.zeros(count)
+        turned = cleared(np.empty(count))
         length = 0.0
         for i in range(count):
             for k in range(count):

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, IntArray, kernel, summing_kernel
+from tbmslam.kernels.arrays import cleared
 
 Signatures = npt.NDArray[np.float32]
 
@@ -17,10 +18,10 @@ FACINGS = 5
 def spread_points(points: FloatArray, cell: float, most: int) -> IntArray:
     """Return indices of points (N, 2): the first point in each cell of a lattice, thinned evenly to at most `most`."""
     if len(points) == 0:
-        return np.zeros(0, dtype=np.int64)
+        return cleared(np.empty(0, dtype=np.int64))
     cols, rows = np.floor(points[:, 0] / cell), np.floor(points[:, 1] / cell)
     first_row, first_col = rows.min(), cols.min()
-    taken = np.zeros((int(rows.max() - first_row) + 1, int(cols.max() - first_col) + 1), dtype=np.bool_)
+    taken = cleared(np.empty((int(rows.max() - first_row) + 1, int(cols.max() - first_col) + 1), dtype=np.bool_))
     chosen = np.empty(len(points), dtype=np.int64)
     count = 0
     for k in range(len(points)):
@@ -42,7 +43,7 @@ def pair_signature(points: FloatArray, normals: FloatArray, width: float, bins: 
     It is invariant to rotations and translations of the points. The bins of the distance are `width` wide; pairs beyond
     the last bin are ignored. Each bin has `FACINGS` classes of the cosine between the two normals (N, 2).
     """
-    shares = np.zeros(bins * FACINGS)
+    shares = cleared(np.empty(bins * FACINGS))
     pairs = 0
     for i in range(len(points)):
         for k in range(i):

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import kernel, part
+from tbmslam.kernels.arrays import cleared
 
 
 @part
@@ -57,7 +58,11 @@ def prior_information(
     # The position of the robot is that of the laser minus the rotation of the lever: x = x' + ly t, y = y' - lx t.
     lx, ly = cosine * mount[0] - sine * mount[1], sine * mount[0] + cosine * mount[1]
     xt, yt = xx * ly - xy * lx, xy * ly - yy * lx
-    return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, turn + ly * xt - lx * yt]])
+    information = np.empty((3, 3))
+    information[0, 0], information[0, 1], information[0, 2] = xx, xy, xt
+    information[1, 0], information[1, 1], information[1, 2] = xy, yy, yt
+    information[2, 0], information[2, 1], information[2, 2] = xt, yt, turn + ly * xt - lx * yt
+    return information
 
 
 @part
@@ -70,8 +75,10 @@ def seen_by_robot(
     """
     cosine, sine = math.cos(heading), math.sin(heading)
     lx, ly = cosine * mount[0] - sine * mount[1], sine * mount[0] + cosine * mount[1]
-    jacobian = np.array([[cosine, -sine, -ly], [sine, cosine, lx], [0.0, 0.0, 1.0]])
-    carried, seen = np.zeros((3, 3)), np.zeros((3, 3))
+    jacobian, carried, seen = cleared(np.empty((3, 3))), cleared(np.empty((3, 3))), cleared(np.empty((3, 3)))
+    jacobian[0, 0], jacobian[0, 1], jacobian[0, 2] = cosine, -sine, -ly
+    jacobian[1, 0], jacobian[1, 1], jacobian[1, 2] = sine, cosine, lx
+    jacobian[2, 2] = 1.0
     for a in range(3):
         for b in range(3):
             for c in range(3):

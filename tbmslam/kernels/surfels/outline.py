@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from tbmslam.kernels import FloatArray, Pose, kernel, part
+from tbmslam.kernels.arrays import cleared
 
 Outline = tuple[FloatArray, float, float, Pose]
 """Surfaces (beams - 1, 4) in the map's frame, the direction of the first beam, the step between beams [rad], and the
@@ -29,7 +30,7 @@ jambs would lie on the outline of their wall, and drives along corridors follow 
 def outline_of(ranges: FloatArray, angle_min: float, step: float, pose: Pose) -> FloatArray:
     """Return the surfaces (N - 1, 4) of the outline of a scan with N ranges [m]; see `Outline`."""
     x, y, theta = pose
-    ends, surfaces = np.empty((len(ranges), 2)), np.zeros((max(len(ranges) - 1, 0), 4))
+    ends, surfaces = np.empty((len(ranges), 2)), cleared(np.empty((max(len(ranges) - 1, 0), 4)))
     for i in range(len(ranges)):
         if ranges[i] < math.inf:
             angle = theta + angle_min + i * step

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from tbmslam.kernels import FloatArray, Pose, kernel, part, summing_kernel
+from tbmslam.kernels.arrays import cleared
 from tbmslam.kernels.rays.hits import write_hits
 from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.kernels.surfels.surfels import (
@@ -232,7 +233,8 @@ def align(
     freedom, span, most, tolerances, enough_points, iterations = search
     every = max(len(points) // enough_points, 1)
     x, y, theta = start
-    gradient, system, step, error = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    gradient, step, error = cleared(np.empty(3)), cleared(np.empty(3)), cleared(np.empty(3))
+    system = cleared(np.empty((3, 3)))
     pairs = np.empty((8, len(points) + 1))
     matched, independent, squared = 0.0, 0.0, 0.0
     near = STALE * surfels[3][0]

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel, part
+from tbmslam.kernels.arrays import cleared
 from tbmslam.kernels.search.windows import add_window, blocks_for
 from tbmslam.kernels.surfels.surfels import CELLS, SIDE, SurfelArrays, fit_surfel, layer_of, slot_of
 
@@ -45,17 +46,20 @@ def search(
     best_score, best = -math.inf, (guess[0], guess[1], guess[2])
     for is_rest in range(2):
         # The first candidate excludes most of the others.
-        candidates = _most_promising_first(bounds, best_score) if is_rest else np.array([first])
+        candidates = np.empty(1, dtype=np.int64)
+        candidates[0] = first
+        if is_rest:
+            candidates = _most_promising_first(bounds, best_score)
         for candidate in candidates:
             if bounds[candidate] <= best_score:
                 continue
-            k, place = candidate // size, candidate % size
+            turn, place = candidate // size, candidate % size
             pose = (
                 guess[0] + (place % width - reach) * resolution,
                 guess[1] + (place // width - reach) * resolution,
-                guess[2] + turns[k],
+                guess[2] + turns[turn],
             )
-            away = costs[0] * math.hypot(pose[0] - guess[0], pose[1] - guess[1]) + costs[1] * abs(turns[k])
+            away = costs[0] * math.hypot(pose[0] - guess[0], pose[1] - guess[1]) + costs[1] * abs(turns[turn])
             spare = bounds[candidate] - best_score + 0.001  # a bound has seven digits
             score = _matched(surfels, points, normals, pose, tolerance, spare) - away * len(points)
             if score > best_score:
@@ -77,7 +81,7 @@ def _most_promising_first(bounds: npt.NDArray[np.float32], least: float) -> npt.
     if count == 0:
         return order
     top = math.floor(highest)
-    begins = np.zeros(top - math.floor(lowest) + 2, dtype=np.int64)
+    begins = cleared(np.empty(top - math.floor(lowest) + 2, dtype=np.int64))
     for bound in bounds:
         if bound > least:
             begins[top - math.floor(bound) + 1] += 1
@@ -96,7 +100,7 @@ def _may_hold(surfels: SurfelArrays, margin: int) -> npt.NDArray[np.uint8]:
     """Return 1 for every cell (2, rows, cols) that may have a surface, with a margin on every side."""
     tiles, _, fits, _, _ = surfels
     _, rows, cols = tiles.shape
-    known = np.zeros((2, rows * SIDE + 2 * margin, cols * SIDE + 2 * margin), dtype=np.uint8)
+    known = cleared(np.empty((2, rows * SIDE + 2 * margin, cols * SIDE + 2 * margin), dtype=np.uint8))
     for layer in range(2):
         for row in range(rows):
             for col in range(cols):
@@ -120,7 +124,7 @@ def _bounds(
     width, margin = 2 * reach + 1, blocks_for(reach)
     known = _may_hold(surfels, margin)
     cells, (_, rows, cols) = known.reshape(-1), known.shape
-    bounds = np.zeros((len(turns), width, margin), dtype=np.uint16)
+    bounds = cleared(np.empty((len(turns), width, margin), dtype=np.uint16))
     for k in range(len(turns)):
         counts = bounds[k].reshape(-1)
         cosine, sine = math.cos(guess[2] + turns[k]), math.sin(guess[2] + turns[k])
