@@ -17,13 +17,15 @@ from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.registry import CPUDispatcher
 
+from tbmslam.kernels.remembered_types import TypeInference
+
 _PASSES: tuple[Any, ...] = (
     untyped_passes.TranslateByteCode,
     untyped_passes.FixupArgs,
     untyped_passes.IRProcessing,
     untyped_passes.GenericRewrites,  # constant indices of tuples
     untyped_passes.ReconstructSSA,
-    typed_passes.NopythonTypeInference,
+    TypeInference,
     typed_passes.PreLowerStripPhis,
     typed_passes.NopythonRewrites,  # one loop for an expression of arrays
     typed_passes.IRLegalization,

@@ -30,7 +30,7 @@ def package(tmp_path):
     """Return the folder of a package of four small files of kernels."""
     kernels = tmp_path / "tbmslam" / "kernels"
     kernels.mkdir(parents=True)
-    shared = ("__init__", "cache_folders", "cache_locator", "kernel_compiler")
+    shared = ("__init__", "cache_folders", "cache_locator", "kernel_compiler", "remembered_types")
     for name in ("__init__.py", "lazy_names.py", *(f"kernels/{name}.py" for name in shared)):
         shutil.copy(PACKAGE / name, tmp_path / "tbmslam" / name)
     for name, text in KERNELS.items():
