@@ -27,13 +27,13 @@ _PASSES: tuple[Any, ...] = (
     untyped_passes.ReconstructSSA,
     TypeInference,
     typed_passes.PreLowerStripPhis,
-    typed_passes.NopythonRewrites,  # one loop for an expression of arrays
     typed_passes.IRLegalization,
     typed_passes.AnnotateTypes,
     typed_passes.NativeLowering,
     typed_passes.NoPythonBackend,
 )
-"""The passes that kernels need, in numba's order. A comprehension in a kernel does not compile."""
+"""The passes that kernels need, in numba's order. A comprehension in a kernel does not compile, and an expression of
+arrays is a loop for each of its operations."""
 
 
 class KernelCompiler(CompilerBase):
