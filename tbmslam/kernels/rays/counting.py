@@ -245,21 +245,26 @@ def _count_pair(cells: npt.NDArray[np.int64], one: int, other: int, spoken: int)
 @part
 def write_masses(
     counts: Counts,
+    first_row: int,
+    first_col: int,
     hit_decay: FloatArray,
     miss_decay: FloatArray,
     keeps_conflict: bool,
     masses: npt.NDArray[np.float32],
 ) -> None:
-    """Write the masses (rows, cols, 4) for counts (rows, cols): conflict, free, occupied, unknown.
+    """Write the masses (rows, cols, 4) of counts from a cell on: conflict, free, occupied, unknown.
 
+    Cells beyond the counts are vacuous.
     `hit_decay` (H, 2) and `miss_decay` (M, 2) are powers of q(UNKNOWN) / q(FREE) and q(UNKNOWN) / q(OCCUPIED) of one
     hit and of one passage, for every exponent from 0 to the largest count; see `tbmslam.belief.evidence_grid`. With
     `keeps_conflict` evidence is combined conjunctively (eq. 5), else by Dempster's rule.
     """
-    rows, cols = counts.shape
-    for row in range(rows):
-        for col in range(cols):
-            hits, passed = hits_in(counts[row, col]), passages_in(counts[row, col])
+    for row in range(masses.shape[0]):
+        for col in range(masses.shape[1]):
+            hits, passed = 0, 0
+            if first_row + row < counts.shape[0] and first_col + col < counts.shape[1]:
+                count = counts[first_row + row, first_col + col]
+                hits, passed = hits_in(count), passages_in(count)
             if hits + passed == 0:  # most of a map
                 masses[row, col, 0], masses[row, col, 1] = 0.0, 0.0
                 masses[row, col, 2], masses[row, col, 3] = 0.0, 1.0
@@ -298,19 +303,11 @@ def write_tiles(
     keeps_conflict: bool,
     tiles: npt.NDArray[np.float32],
 ) -> None:
-    """Write the masses of some tiles (N, side, side, 4), as `write_masses`; cells beyond the counts are vacuous.
+    """Write the masses of some tiles (N, side, side, 4), as `write_masses`.
 
     ``places`` (N, 2) are the rows and columns of the tiles.
     """
     side = tiles.shape[1]
     for number in range(len(places)):
-        tile = tiles[number]
-        seen = counts[
-            places[number, 0] * side : (places[number, 0] + 1) * side,
-            places[number, 1] * side : (places[number, 1] + 1) * side,
-        ]
-        rows, cols = seen.shape
-        if rows < side or cols < side:
-            tile[:, :, :3] = 0.0
-            tile[:, :, 3] = 1.0
-        write_masses(seen, hit_decay, miss_decay, keeps_conflict, tile[:rows, :cols])
+        row, col = places[number, 0] * side, places[number, 1] * side
+        write_masses(counts, row, col, hit_decay, miss_decay, keeps_conflict, tiles[number])

@@ -73,7 +73,7 @@ def test_masses_are_those_of_the_combined_observations(keeps_conflict):
     factors = beam_factors(model, 0.1, 1.0)
     hit, miss = (one[None] ** -np.arange(6.0)[:, None] for one in (factors.hit, factors.miss))
     masses = np.empty((2, 3, 4), dtype=np.float32)
-    write_masses(counts, hit, miss, keeps_conflict, masses)
+    write_masses(counts, 0, 0, hit, miss, keeps_conflict, masses)
     for row, col in np.ndindex(2, 3):
         expected = reference.repeated(model, hits[row, col], passed[row, col], keeps_conflict)
         np.testing.assert_allclose(masses[row, col], expected, atol=1e-6)
@@ -86,7 +86,7 @@ def test_tiles_hold_the_masses_of_all_counted_cells(shape):
     factors = beam_factors(SensorModelConfig(), 0.1, 1.0)
     hit, miss = (one[None] ** -np.arange(6.0)[:, None] for one in (factors.hit, factors.miss))
     masses = np.empty((*shape, 4), dtype=np.float32)
-    write_masses(counts, hit, miss, True, masses)
+    write_masses(counts, 0, 0, hit, miss, True, masses)
     padded = np.pad(masses, ((0, -shape[0] % side), (0, -shape[1] % side), (0, 0)))
     padded[shape[0] :, :, 3] = padded[:, shape[1] :, 3] = 1.0
     found = np.zeros((len(padded) // side, padded.shape[1] // side), dtype=bool)
