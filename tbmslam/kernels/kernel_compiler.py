@@ -16,14 +16,34 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.registry import CPUDispatcher
+from numba.core.rewrites.registry import RewriteRegistry
+from numba.core.rewrites.static_binop import DetectStaticBinops
+from numba.core.rewrites.static_getitem import RewriteConstGetitems
 
 from tbmslam.kernels.remembered_types import TypeInference
+
+_REWRITES = RewriteRegistry()
+for _rewrite in (RewriteConstGetitems, DetectStaticBinops):  # constant indices of tuples and constant exponents
+    _REWRITES.register("before-inference")(_rewrite)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _Rewrites(untyped_passes.GenericRewrites):
+    """Two of numba's six rewrites before the types are inferred."""
+
+    _name = "kernel_rewrites"
+
+    def run_pass(self, state: Any) -> bool:
+        """Rewrite a function."""
+        _REWRITES.apply("before-inference", state)
+        return True
+
 
 _PASSES: tuple[Any, ...] = (
     untyped_passes.TranslateByteCode,
     untyped_passes.FixupArgs,
     untyped_passes.IRProcessing,
-    untyped_passes.GenericRewrites,  # constant indices of tuples
+    _Rewrites,
     untyped_passes.ReconstructSSA,
     TypeInference,
     typed_passes.PreLowerStripPhis,
