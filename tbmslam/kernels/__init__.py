@@ -6,14 +6,19 @@ indices out of range. Callers therefore enlarge grids first, and CI repeats the 
 ``NUMBA_BOUNDSCHECK=1``.
 """
 
+import os
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 import numpy.typing as npt
+
+# Numba words thousands of errors while it tries types; where `colorama` is installed, colours take a second of that.
+os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
+
+import numba
 from numba.core import config
 
 from tbmslam.kernels.cache_folders import folder_of
