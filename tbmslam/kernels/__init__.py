@@ -72,7 +72,16 @@ def part(function: Function) -> Function:
 
     Tests may call it as a kernel. Whatever the programs call from Python is better a `kernel`, which is compiled once.
     """
-    return function if _settings.DISABLE_JIT else cast("Function", Part(function, _options(set()), kernel))
+    return _linked(function, kernel, set())
+
+
+def summing_part(function: Function) -> Function:
+    """Compile a function as `part` does, with its sums reordered as those of a `summing_kernel`."""
+    return _linked(function, summing_kernel, {"reassoc"})
+
+
+def _linked(function: Function, compiler: Callable[[Function], Function], fastmath: set[str]) -> Function:
+    return function if _settings.DISABLE_JIT else cast("Function", Part(function, _options(fastmath), compiler))
 
 
 def _compiled(function: Function, fastmath: set[str]) -> Function:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tbmslam.kernels import FloatArray, Pose, kernel, part, summing_kernel
+from tbmslam.kernels import FloatArray, Pose, kernel, part, summing_part
 from tbmslam.kernels.arrays import cleared
 from tbmslam.kernels.rays.hits import write_hits
 from tbmslam.kernels.surfels.determined import prior_information
@@ -106,7 +106,7 @@ def pair_up(
     return int(np.int64(count)), independent  # signed, else `linearise` is compiled for several types
 
 
-@summing_kernel
+@summing_part
 def linearise(
     pairs: FloatArray, count: int, pose: Pose, tolerance: float, hessian: FloatArray, gradient: FloatArray
 ) -> float:
