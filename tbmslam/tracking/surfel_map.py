@@ -24,9 +24,6 @@ from tbmslam.kernels.surfels.surfels import (
     SIDE,
     SurfelArrays,
     Surfels,
-    add_hits,
-    cells_of,
-    claim_tiles,
     extent,
     insert_hits,
 )
@@ -89,7 +86,8 @@ class SurfelMap:
         """Return the surfels of hits in the map's frame, without spare memory."""
         surfaces = cls(config, spare=0.0)
         if len(hits.points):
-            surfaces._fill(hits)
+            surfaces._grow_to_contain(hits.points)  # else the memory is enlarged twice
+            surfaces.insert(hits, SE2.identity())
         return surfaces
 
     @property
@@ -110,15 +108,6 @@ class SurfelMap:
         if CELLS * used > self.slots:
             self._make_room(CELLS * used)
             insert_hits(self._arrays, used, hits.points, hits.normals, there)
-
-    def _fill(self, hits: Hits) -> None:
-        """Add the first hits, in the map's frame; `insert` takes twice the time, since it enlarges the memory twice."""
-        self._grow_to_contain(hits.points)
-        tiles, _, _, lattice, _ = self._arrays
-        cells, offsets = cells_of(hits.points, hits.normals, (0.0, 0.0, 0.0), lattice)
-        self._used = claim_tiles(tiles, self._used, cells)
-        self._make_room(CELLS * self._used)
-        add_hits(self._arrays, cells, offsets)
 
     def place(
         self, scan: LaserScan, max_range: float, prior: PosePrior, T_robot_sensor: SE2, search: Search, hits: FloatArray

@@ -72,7 +72,7 @@ def extent(points: FloatArray) -> tuple[float, float, float, float]:
     return left, right, bottom, top
 
 
-@kernel
+@part
 def cells_of(
     points: FloatArray, normals: FloatArray, pose: Pose, lattice: tuple[float, int, int]
 ) -> tuple[Cells, FloatArray]:
@@ -94,7 +94,7 @@ def cells_of(
     return cells, offsets
 
 
-@kernel
+@part
 def claim_tiles(tiles: TileIndex, used: int, cells: Cells) -> int:
     """Assign numbers from `used` on to the tiles that hits in cells (N, 3) need; return the number of used tiles."""
     last_row, last_col, last_layer = -1, -1, -1
@@ -122,7 +122,7 @@ def _claim_tile(tiles: TileIndex, layer: int, row: int, col: int, used: int) -> 
     return used + 1
 
 
-@kernel
+@part
 def add_hits(surfels: SurfelArrays, cells: Cells, offsets: FloatArray) -> None:
     """Add hits in the form of `cells_of`; their tiles must be claimed and allocated."""
     tiles, moments, fits, _, _ = surfels
