@@ -22,10 +22,15 @@ import numba
 from numba.core import config
 
 from tbmslam.kernels.cache_folders import folder_of
-from tbmslam.kernels.kernel_compiler import KernelCompiler, Part
 
 _settings: Any = config  # numba sets the attributes of this module while it loads
 _njit: Any = numba.njit  # its type does not name all options
+_NEWEST = 0, 68
+"""The newest numba that `kernel_compiler` was tested with. It changes the compiler, so newer versions compile kernels
+their own way, which takes longer."""
+_compiler: Any = None
+if numba.version_info.short <= _NEWEST:
+    _compiler = import_module("tbmslam.kernels.kernel_compiler")
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
@@ -81,7 +86,9 @@ def summing_part(function: Function) -> Function:
 
 
 def _linked(function: Function, compiler: Callable[[Function], Function], fastmath: set[str]) -> Function:
-    return function if _settings.DISABLE_JIT else cast("Function", Part(function, _options(fastmath), compiler))
+    if _settings.DISABLE_JIT or _compiler is None:
+        return compiler(function)
+    return cast("Function", _compiler.Part(function, _options(fastmath), compiler))
 
 
 def _compiled(function: Function, fastmath: set[str]) -> Function:
@@ -91,7 +98,9 @@ def _compiled(function: Function, fastmath: set[str]) -> Function:
         _settings.CACHE_DIR = str(folder)
         # Numba before 0.62 ignores this option, and compiles once for each installation.
         _settings.CACHE_LOCATOR_CLASSES = f"{__name__}.cache_locator.ContentLocator"
-    options = {**_options(fastmath), "cache": folder is not None, "pipeline_class": KernelCompiler}
+    options = {**_options(fastmath), "cache": folder is not None}
+    if _compiler is not None:
+        options["pipeline_class"] = _compiler.KernelCompiler
     try:
         return cast("Function", _njit(**options)(function))
     finally:

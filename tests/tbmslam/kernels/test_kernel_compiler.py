@@ -3,6 +3,7 @@ import numpy as np
 
 from tbmslam.kernels import kernel, part
 from tbmslam.kernels.kernel_compiler import KernelCompiler
+from tests.processes import python
 
 
 def function(numbers, pose, wide):
@@ -44,3 +45,26 @@ def test_parts_are_compiled_into_the_kernels_that_call_them():
     assert both(np.array([4.0, 2.0]), np.array([4.0, 2.0], dtype=np.float32)) == (1.0, 1.0)
     assert lowered(np.array([4.0, 2.0]), (3.0, 2.0)).tolist() == [-1.0, 1.0]  # Python calls it, too
     assert both(np.array([-4.0, 2.0]), np.array([-4.0, 2.0], dtype=np.float32)) == (-3.0, 1.0)
+
+
+NEWER = """
+import numba, numpy as np
+numba.version_info = numba.version_info._replace(short=(99, 0))
+from tbmslam.kernels import kernel, part
+
+@part
+def doubled(numbers):
+    return numbers * 2.0
+
+@kernel
+def total(numbers):
+    return doubled(numbers).sum() + sum([one for one in range(3)])
+
+print(total(np.ones(2)), doubled(np.ones(1)))
+"""
+
+
+def test_a_newer_numba_compiles_kernels_its_own_way(tmp_path):
+    (tmp_path / "newer.py").write_text(NEWER, encoding="utf-8")
+    done = python(tmp_path / "newer.py")
+    assert done.stdout.split() == ["7.0", "[2.]"], done.stderr
