@@ -1,9 +1,13 @@
-"""Bridges of the map graph: single alignments that join two groups, and their verification.
+"""Bridges of the map graph: one or two alignments that join two groups, and their verification.
 
 A few walls of two maps may agree by chance. If two buildings have similar rooms, several refused alignments agree with
 a wrong pose. So each bridge is verified by an alignment of both groups, each as one map of all its walls. A confident
 bridge is verified too: of the 45,000 pairs of 300 maps, six of different buildings were accepted, one with a confidence
 above 0.999. One of the groups may be deformed if the bridge is the alignment of a deformed map.
+
+Two alignments between the same groups are no independent evidence, since the maps of a group show the same rooms. So
+they are a bridge as well if each of the groups has several maps. Without this, two of 30 simulated buildings became one
+group.
 
 Refused alignments that agree are verified too. Otherwise 12 of 120 simulated maps of 20 buildings would become one
 group of two buildings; the alignment of both sides gives its bridge a confidence of 0.
@@ -30,7 +34,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Bridge:
-    """An alignment that joins two sides of a group, which no other accepted alignment joins."""
+    """An alignment that joins two sides of a group, which at most one other accepted alignment joins."""
 
     pair: Pair
     sides: tuple[Mapping[str, SE2], Mapping[str, SE2]]
@@ -46,6 +50,19 @@ class Bridge:
     def names(self) -> Sides:
         """The pair, and the maps on either side."""
         return self.pair, frozenset(self.sides[0]), frozenset(self.sides[1])
+
+    def crossing(self, alignments: Mapping[Pair, Alignment]) -> list[Pair]:
+        """Return the pair, and the other accepted pairs with a map on each side."""
+        first, second = self.sides
+        return [
+            pair
+            for pair, found in alignments.items()
+            if pair == self.pair
+            or (
+                found.accepted
+                and ((pair[0] in first and pair[1] in second) or (pair[1] in first and pair[0] in second))
+            )
+        ]
 
 
 def without_refuted_bridges(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
@@ -72,17 +89,16 @@ def refute_bridge(
     for join in sorted(joins, key=lambda join: alignments[join.pair].confidence):
         if join.names in found.confirmed:
             continue
-        is_deformed = alignments[join.pair].bent_m > 0.0
+        is_deformed = any(alignments[pair].bent_m > 0.0 for pair in join.crossing(alignments))
         confidence = _confidence_of_sides(join, found.maps, config, executor, is_deformed=is_deformed)
         if confidence < config.graph.min_whole:
-            before, numbers = alignments[join.pair], " and ".join(str(len(side)) for side in join.sides)
-            reason = (
-                f"the groups of {numbers} maps that it joins do not match as wholes (confidence {confidence:.2f}): "
-                f"{before.reason}"
-            )
-            logger.info("%s in %s: refused: %s", *join.pair[::-1], reason)
+            numbers = " and ".join(str(len(side)) for side in join.sides)
+            why = f"the groups of {numbers} maps that it joins do not match as wholes (confidence {confidence:.2f})"
+            logger.info("%s in %s: refused: %s", *join.pair[::-1], why)
             refuted = {pair: _refuted(found, pair, join, confidence, config) for pair, found in alignments.items()}
-            refuted[join.pair] = replace(refuted[join.pair], accepted=False, reason=reason, confidence=confidence)
+            for pair in join.crossing(alignments):
+                reason = f"{why}: {alignments[pair].reason}"
+                refuted[pair] = replace(refuted[pair], accepted=False, reason=reason, confidence=confidence)
             return {pair: changed for pair, changed in refuted.items() if changed is not alignments[pair]}, fitting
         fitting.add(join.names)
     return {}, fitting
@@ -91,17 +107,48 @@ def refute_bridge(
 def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig) -> list[Bridge]:
     """Return the bridges of a group of more than two maps: the most certain alignment of each two sides."""
     bridges = dict[frozenset[frozenset[str]], Bridge]()
+    accepted = [pair for pair in group.used if alignments[pair].accepted]
     for pair in sorted(group.used, key=lambda pair: _certainty(alignments[pair]), reverse=True):
         found = alignments[pair]
         # Such an alignment joins nothing, like a refuted one.
         idle = not found.accepted and found.confidence < config.graph.min_whole
         if found.method != "correlation" or idle or len(group) <= 2:
             continue
-        sides = _sides_without(pair, group, alignments, config)
-        if sides is not None and frozenset(sides) not in bridges:
-            here, there = ({name: pose for name, pose in group.poses.items() if name in side} for side in sides)
-            bridges[frozenset(sides)] = Bridge(pair, (here, there))
+        for second in (None, *_seconds(pair, accepted, alignments)):
+            sides = _sides_without([pair] if second is None else [pair, second], group, alignments, config)
+            if sides is None or frozenset(sides) in bridges:
+                continue
+            if second is None or min(map(len, sides)) > 1:
+                here, there = ({name: pose for name, pose in group.poses.items() if name in side} for side in sides)
+                bridges[frozenset(sides)] = Bridge(pair, (here, there))
     return list(bridges.values())
+
+
+def _seconds(pair: Pair, accepted: Sequence[Pair], alignments: Mapping[Pair, Alignment]) -> list[Pair]:
+    """Return the accepted pairs that alone join the maps of an accepted pair, without this pair."""
+    if pair not in accepted:
+        return []
+    return [
+        second
+        for second in _path(pair, accepted, [pair])
+        if alignments[second].method == "correlation" and not _path(pair, accepted, [pair, second])
+    ]
+
+
+def _path(ends: Pair, joined: Sequence[Pair], without: Sequence[Pair]) -> list[Pair]:
+    """Return the joined pairs along a shortest path between two maps without some pairs; none if there is no path."""
+    reached, waiting = dict[str, list[Pair]]({ends[0]: []}), [ends[0]]
+    for name in waiting:
+        for pair in joined:
+            if name not in pair or pair in without:
+                continue
+            other = pair[0] if pair[1] == name else pair[1]
+            if other not in reached:
+                reached[other] = [*reached[name], pair]
+                waiting.append(other)
+        if ends[1] in reached:
+            break
+    return reached.get(ends[1], [])
 
 
 def _certainty(found: Alignment) -> tuple[bool, float]:
@@ -127,14 +174,14 @@ def _refuted(found: Alignment, pair: Pair, bridge: Bridge, confidence: float, co
 
 
 def _sides_without(
-    pair: Pair, group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig
+    removed: Sequence[Pair], group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig
 ) -> tuple[frozenset[str], frozenset[str]] | None:
-    """Return the maps on the target's and on the source's side; None if other accepted alignments join the sides.
+    """Return the maps on the sides of the first removed pair; None if other accepted alignments join the sides.
 
     Refused alignments that agree with the group's poses also assign maps to a side, in order of certainty, but do not
     join sides. A map without such an alignment is on no side.
     """
-    others = [other for other in group.used if other != pair]
+    pair, others = removed[0], [other for other in group.used if other not in removed]
     surest_first = sorted(others, key=lambda other: _certainty(alignments[other]), reverse=True)
     # A map with a known pose that its walls do not confirm is no evidence for other maps at its place.
     unconfirmed = {

@@ -211,6 +211,15 @@ def test_every_alignment_of_a_chain_is_a_bridge_however_confident():
     assert sides_of(chain) == {"ab": ("a", "bcd"), "bc": ("ab", "cd"), "cd": ("abc", "d")}
 
 
+def test_two_alignments_that_join_groups_of_several_maps_are_a_bridge(strangers, neighbours):
+    alignments = SURE | stated("bc", 0.95) | stated("ad", 0.97)
+    assert sides_of(alignments) == {"ad": ("ab", "cd")}
+    found, _ = refuted(strangers, alignments)
+    assert [found[pair].accepted for pair in (("b", "c"), ("a", "d"))] == [False, False]
+    assert found["b", "c"].reason.startswith("the groups of 2 and 2 maps that it joins")
+    assert refuted(neighbours, alignments)[0] == {}
+
+
 def test_refused_alignments_put_maps_on_sides():
     # Without the alignment of a and b, the group falls into a, c, d and b; no accepted one joins d.
     refused = [stated(pair, p, accepted=False) for pair, p in (("ad", 0.84), ("cd", 0.8), ("bd", 0.1))]
@@ -227,12 +236,13 @@ def test_a_map_with_a_known_pose_is_on_a_side_only_if_walls_agree_there(confiden
 @pytest.mark.parametrize(
     "alignments",
     [
-        SURE | stated("bc", 0.95) | stated("ad", 0.95),
+        SURE | stated("bc", 0.95) | stated("ad", 0.95) | stated("ac", 0.95),
+        stated("ab", 0.95) | stated("bc", 0.95) | stated("ac", 0.95),
         stated("ab", 0.9),
         SURE | stated("bc", 0.9, method="prior"),
         stated("ab", 0.001, method="prior") | stated("bc", 0.95) | stated("ac", 0.001, method="prior"),
     ],
-    ids=["a second alignment", "two maps only", "known pose", "two known poses"],
+    ids=["three alignments", "three maps", "two maps only", "known pose", "two known poses"],
 )
 def test_other_alignments_are_no_bridges(alignments):
     assert sides_of(alignments) == {}
