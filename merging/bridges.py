@@ -14,14 +14,14 @@ group of two buildings; the alignment of both sides gives its bridge a confidenc
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from merging.alignment import Alignment, Pair
 from merging.config import MergeConfig
 from merging.map_graph.grouping import Group
 from merging.map_graph.links import is_same_pose
-from merging.merge_state import MergeState, Sides
+from merging.merge_state import MergeState
 from merging.merged_group import group_maps_of
 from merging.nonrigid.search import align_deformable
 from merging.pairwise import align_all
@@ -31,14 +31,23 @@ from tbmslam.parallel.executor import Executor
 
 logger = logging.getLogger(__name__)
 
+Sides = frozenset[frozenset[str]]
+"""The maps on either side of a bridge."""
+
 
 @dataclass(frozen=True)
 class Bridge:
-    """An alignment that joins two sides of a group, which at most one other accepted alignment joins."""
+    """An alignment between two sides of a group. At most one other accepted alignment joins these sides."""
 
-    pair: Pair
+    pairs: tuple[Pair, ...]
+    """The pair (target, source) of the alignment, and that of the other one if there is one."""
     sides: tuple[Mapping[str, SE2], Mapping[str, SE2]]
     """The poses of the maps on the target's side and on the source's, in the group's frame."""
+
+    @property
+    def pair(self) -> Pair:
+        """The pair of the alignment."""
+        return self.pairs[0]
 
     @property
     def T_target_source(self) -> SE2:
@@ -48,55 +57,52 @@ class Bridge:
 
     @property
     def names(self) -> Sides:
-        """The pair, and the maps on either side."""
-        return self.pair, frozenset(self.sides[0]), frozenset(self.sides[1])
-
-    def crossing(self, alignments: Mapping[Pair, Alignment]) -> list[Pair]:
-        """Return the pair, and the other accepted pairs with a map on each side."""
-        first, second = self.sides
-        return [
-            pair
-            for pair, found in alignments.items()
-            if pair == self.pair
-            or (
-                found.accepted
-                and ((pair[0] in first and pair[1] in second) or (pair[1] in first and pair[0] in second))
-            )
-        ]
+        """The maps on either side."""
+        return frozenset(map(frozenset, self.sides))
 
 
-def without_refuted_bridges(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
-    """Split groups at bridges that the alignment of both sides does not confirm."""
+def without_refuted_bridges(
+    found: MergeState, config: MergeConfig, executor: Executor, among: Collection[Pair] | None = None
+) -> MergeState:
+    """Split groups at bridges that the alignment of both sides does not confirm.
+
+    With `among`, only bridges of these pairs are verified.
+    """
+    confirmed = set[Sides]()
     while True:
-        refuted, fitting = refute_bridge(found, config, executor)
-        found = replace(found, confirmed=found.confirmed | fitting)
+        refuted, fitting = refute_bridge(found, config, executor, confirmed, among)
+        confirmed |= fitting
         if not refuted:
             return found
         found = found.with_alignments(refuted)
 
 
 def refute_bridge(
-    found: MergeState, config: MergeConfig, executor: Executor
+    found: MergeState,
+    config: MergeConfig,
+    executor: Executor,
+    confirmed: Collection[Sides] = (),
+    among: Collection[Pair] | None = None,
 ) -> tuple[dict[Pair, Alignment], set[Sides]]:
     """Find a bridge that the alignment of both sides does not confirm, the most doubtful first.
 
-    Bridges that were confirmed before are not verified again. Returns the changed alignments: the alignment of the
-    bridge, now refused, and others at the same pose; none if all bridges are confirmed. Also returns the confirmed
-    bridges.
+    Bridges between `confirmed` sides are not verified again. Returns the changed alignments: those of the bridge, now
+    refused, and others at the same pose; none if all bridges are confirmed. Also returns the sides that were confirmed.
     """
     fitting, alignments = set[Sides](), found.alignments
     joins = [join for group in found.groups for join in bridges_of(group, alignments, config)]
+    joins = [join for join in joins if among is None or all(pair in among for pair in join.pairs)]
     for join in sorted(joins, key=lambda join: alignments[join.pair].confidence):
-        if join.names in found.confirmed:
+        if join.names in confirmed:
             continue
-        is_deformed = any(alignments[pair].bent_m > 0.0 for pair in join.crossing(alignments))
+        is_deformed = any(alignments[pair].bent_m > 0.0 for pair in join.pairs)
         confidence = _confidence_of_sides(join, found.maps, config, executor, is_deformed=is_deformed)
         if confidence < config.graph.min_whole:
             numbers = " and ".join(str(len(side)) for side in join.sides)
             why = f"the groups of {numbers} maps that it joins do not match as wholes (confidence {confidence:.2f})"
             logger.info("%s in %s: refused: %s", *join.pair[::-1], why)
-            refuted = {pair: _refuted(found, pair, join, confidence, config) for pair, found in alignments.items()}
-            for pair in join.crossing(alignments):
+            refuted = {pair: _refuted(each, pair, join, confidence, config) for pair, each in alignments.items()}
+            for pair in join.pairs:
                 reason = f"{why}: {alignments[pair].reason}"
                 refuted[pair] = replace(refuted[pair], accepted=False, reason=reason, confidence=confidence)
             return {pair: changed for pair, changed in refuted.items() if changed is not alignments[pair]}, fitting
@@ -106,7 +112,7 @@ def refute_bridge(
 
 def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig) -> list[Bridge]:
     """Return the bridges of a group of more than two maps: the most certain alignment of each two sides."""
-    bridges = dict[frozenset[frozenset[str]], Bridge]()
+    bridges = dict[Sides, Bridge]()
     accepted = [pair for pair in group.used if alignments[pair].accepted]
     for pair in sorted(group.used, key=lambda pair: _certainty(alignments[pair]), reverse=True):
         found = alignments[pair]
@@ -114,13 +120,13 @@ def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: Merge
         idle = not found.accepted and found.confidence < config.graph.min_whole
         if found.method != "correlation" or idle or len(group) <= 2:
             continue
-        for second in (None, *_seconds(pair, accepted, alignments)):
-            sides = _sides_without([pair] if second is None else [pair, second], group, alignments, config)
+        for removed in ([pair], *([pair, second] for second in _seconds(pair, accepted, alignments))):
+            sides = _sides_without(removed, group, alignments, config)
             if sides is None or frozenset(sides) in bridges:
                 continue
-            if second is None or min(map(len, sides)) > 1:
+            if len(removed) == 1 or min(map(len, sides)) > 1:
                 here, there = ({name: pose for name, pose in group.poses.items() if name in side} for side in sides)
-                bridges[frozenset(sides)] = Bridge(pair, (here, there))
+                bridges[frozenset(sides)] = Bridge(tuple(removed), (here, there))
     return list(bridges.values())
 
 

@@ -10,8 +10,6 @@ from tbmslam.belief.grid import TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 
 Grouping = Callable[[Mapping[Pair, Alignment]], Sequence[Group]]
-Sides = tuple[Pair, frozenset[str], frozenset[str]]
-"""A pair that joins two sides of a group, and the maps on either side."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +26,6 @@ class MergeState:
     """The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps'
     own."""
     deformed: Mapping[str, TbmMap] = field(default_factory=dict)
-    confirmed: frozenset[Sides] = frozenset()
-    """The bridges that the alignment of their sides confirmed."""
 
     @classmethod
     def of(cls, maps: Mapping[str, TbmMap], alignments: Mapping[Pair, Alignment], grouping: Grouping) -> "MergeState":

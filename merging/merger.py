@@ -86,7 +86,8 @@ def merge(
     connect maps to groups, and the largest group is fused in the order of the maps. If poses are known
     (`MergeConfig.known_poses`), the group of these maps is fused instead. Maps of different groups are aligned again by
     short ranges only. The remaining maps are registered non-rigidly. A map that a single alignment joins is also
-    deformed if it then fits much better. If a single alignment joins two groups, they must match as wholes.
+    deformed if it then fits much better. If one or two alignments join two groups, the groups must match as
+    wholes.
 
     Parameters
     ----------
@@ -173,7 +174,7 @@ def _with_deformed_maps(found: MergeState, config: MergeConfig, executor: Execut
     without = {pair: replace(alignment, accepted=False, confidence=0.0) for pair, alignment in rigid.items()}
     before = found.with_alignments(without).groups if without else found.groups
     found = found.with_alignments({pair: registration.alignment for pair, registration in registrations.items()})
-    found = without_refuted_bridges(found, config, executor)
+    found = without_refuted_bridges(found, config, executor, registrations.keys() - rigid.keys())
     kept = {pair: each for pair, each in registrations.items() if found.alignments[pair].accepted}
     found = found.with_deformed(deformed_maps(kept, found.maps, found.groups, before))
     return found.with_own_grids([pair for pair in kept if any(pair in group.used for group in found.groups)])

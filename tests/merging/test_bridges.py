@@ -72,14 +72,14 @@ def state_of(maps, alignments):
 
 
 def refuted(maps, alignments, confirmed=(), config=CONFIG):
-    return refute_bridge(replace(state_of(maps, alignments), confirmed=frozenset(confirmed)), config, Executor())
+    return refute_bridge(state_of(maps, alignments), config, Executor(), confirmed)
 
 
 def sides_of(alignments):
     """Return the pair of every bridge, and the maps on either side of it."""
     (group,) = (group for group in state_of({}, alignments).groups if "a" in group.poses)
-    found = [bridge.names for bridge in bridges_of(group, alignments, CONFIG)]
-    return {"".join(pair): tuple("".join(sorted(side)) for side in sides) for pair, *sides in found}
+    found = bridges_of(group, alignments, CONFIG)
+    return {"".join(bridge.pair): tuple("".join(sorted(side)) for side in bridge.sides) for bridge in found}
 
 
 def test_two_buildings_that_share_a_room_are_one_only_without_the_check(strangers):
@@ -109,7 +109,7 @@ def test_a_true_bridge_is_kept_and_its_groups_are_not_aligned_again(neighbours):
     alignments = SURE | stated("bc", 0.95)
     nothing, fitting = refuted(neighbours, alignments)
     assert nothing == {}
-    assert fitting == {(("b", "c"), frozenset("ab"), frozenset("cd"))}
+    assert fitting == {frozenset({frozenset("ab"), frozenset("cd")})}
     assert refuted({}, alignments, confirmed=fitting) == ({}, set())
 
 
@@ -135,7 +135,7 @@ def test_a_true_alignment_of_a_deformed_map_is_confirmed_by_the_deformed_sides()
     alignments = stated("ab", 0.999, SE2.identity(), "features") | {("b", "c"): found}
     nothing, fitting = refuted({"a": whole, "b": part, "c": bent}, alignments, config=MergeConfig())
     assert nothing == {}
-    assert fitting == {(("b", "c"), frozenset("ab"), frozenset("c"))}
+    assert fitting == {frozenset({frozenset("ab"), frozenset("c")})}
 
 
 @pytest.mark.slow
@@ -160,7 +160,7 @@ def test_each_of_two_equally_good_poses_confirms_a_bridge(tile):
     motion = SE2(tile * 160 * 0.05, 0.0, 0.0)
     nothing, fitting = refuted(maps, stated("ab", 0.999, none, "features") | stated("bc", 0.95, motion))
     assert nothing == {}
-    assert fitting == {(("b", "c"), frozenset("ab"), frozenset("c"))}
+    assert fitting == {frozenset({frozenset("ab"), frozenset("c")})}
 
 
 def test_groups_too_large_to_be_one_map_do_not_refute_a_bridge(strangers, monkeypatch):
@@ -218,6 +218,20 @@ def test_two_alignments_that_join_groups_of_several_maps_are_a_bridge(strangers,
     assert [found[pair].accepted for pair in (("b", "c"), ("a", "d"))] == [False, False]
     assert found["b", "c"].reason.startswith("the groups of 2 and 2 maps that it joins")
     assert refuted(neighbours, alignments)[0] == {}
+
+
+def test_an_outvoted_alignment_of_the_sides_is_not_refused_with_the_bridge(strangers):
+    elsewhere = stated("ad", 0.95, POSES["a"] @ SE2(9.0, 0.0, 1.0) @ POSES["d"].inverse())
+    alignments = SURE | stated("bc", 0.99999) | elsewhere
+    (group,) = state_of(strangers, alignments).groups
+    assert group.outvoted == (("a", "d"),)
+    found, _ = refuted(strangers, alignments)
+    assert found.keys() == {("b", "c")}
+
+
+def test_bridges_of_other_pairs_are_not_verified_again(strangers):
+    state = state_of(strangers, SURE | stated("bc", 0.95))
+    assert refute_bridge(state, CONFIG, Executor(), among=[("a", "d")]) == ({}, set())
 
 
 def test_refused_alignments_put_maps_on_sides():
