@@ -61,10 +61,10 @@ class BackEnd:
         hits = ScanHits.of(keyframes, self._closing.submap.max_range)
         poses, closures = self._closer.close(poses_of_sensor(tracked), hits, chain, progress)
         drive = OptimisedDrive(poses, measured, chain, closures, hits)
-        return self._with_odometry(drive, OdometryHeadings.of(tracked))
+        return self._with_odometry_headings(drive, OdometryHeadings.of(tracked))
 
-    def _with_odometry(self, drive: OptimisedDrive, headings: OdometryHeadings) -> OptimisedDrive:
-        """Return a drive after its headings were fused with those by odometry, where these drift less at closures.
+    def _with_odometry_headings(self, drive: OptimisedDrive, headings: OdometryHeadings) -> OptimisedDrive:
+        """Fuse the headings of a drive with those by odometry, if these drift less than their noise predicts.
 
         The closures stay as they are: a new search would take as long as the first.
         """

@@ -18,6 +18,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parents[1]
+_COMPILER = _PACKAGE / "kernels" / "kernel_compiler.py"
+"""Compiles all kernels. No import statement names it, since newer versions of numba are used without it."""
 _IMPORT = re.compile(rb"^from tbmslam((?:\.\w+)+) import ", re.MULTILINE)
 _FOLDER = re.compile(r"(?:(\w+)-)?[0-9a-f]{16}")
 """Names of cache folders; earlier versions used one folder without a stem for all files."""
@@ -80,7 +82,7 @@ def _text(source: Path) -> bytes:
 
 def _digest(source: Path) -> str:
     """Return the digest of a file and of all files that are compiled into it."""
-    found, unread = {source}, [source]
+    found, unread = {source, _COMPILER}, [source, _COMPILER]
     while unread:
         new = imported_files(_text(unread.pop())) - found
         found |= new

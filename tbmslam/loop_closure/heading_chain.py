@@ -7,10 +7,10 @@ import numpy as np
 from tbmslam.geometry.se2 import FloatArray, wrap_angles
 from tbmslam.optimisation.pose_graph import EdgeArrays, MotionEdge
 
-_CERTAINTY = 0.1
+_PRIOR_LOOPS = 0.1
 """The stated variances count as much as this number of loops. Without it, a single loop that closes by chance would
 make the headings of a whole drive certain."""
-_MOST = 300
+_MOST_CLOSURES = 300
 """Number of closures that are compared with each other; a long drive has many thousand."""
 
 
@@ -27,10 +27,10 @@ class HeadingChain:
         """Return the ratio of the squared heading errors at closures to their expectation from independent turns.
 
         1 if no closure spans known turns. A closure cannot show errors below its own noise, which is counted as an
-        error. Closures that share turns err alike: together they count as few independent loops, by Satterthwaite's
-        degrees of freedom of a sum of squares (1946).
+        error. A false closure of a short loop makes the ratio large. Closures that share turns err alike: together they
+        count as few independent loops, by Satterthwaite's degrees of freedom of a sum of squares (1946).
         """
-        chosen = np.unique(np.linspace(0, len(closures) - 1, min(len(closures), _MOST)).astype(np.int64))
+        chosen = np.unique(np.linspace(0, len(closures) - 1, min(len(closures), _MOST_CLOSURES)).astype(np.int64))
         ends, motions, informations = EdgeArrays.of([closures[number] for number in chosen.tolist()])
         first, last = np.sort(ends, axis=1).T
         begins, stops = self._expected[first], self._expected[last]
@@ -44,7 +44,7 @@ class HeadingChain:
         in_common = np.minimum(stops[:, None], stops) - np.maximum(begins[:, None], begins)
         expected = float((stops - begins).sum())
         loops = expected**2 / float((np.maximum(in_common, 0.0) ** 2).sum())
-        return (_CERTAINTY + loops * float(squares[usable].sum()) / expected) / (_CERTAINTY + loops)
+        return (_PRIOR_LOOPS + loops * float(squares[usable].sum()) / expected) / (_PRIOR_LOOPS + loops)
 
 
 def _summed(values: FloatArray) -> FloatArray:

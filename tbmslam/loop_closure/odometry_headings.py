@@ -2,9 +2,9 @@
 
 The noise learnt per keyframe tells neither errors that add up from errors that cancel, nor errors of the odometry from
 those of the scans. Loop closures measure both over hundreds of metres. On fr-clinic, among trees, headings by odometry
-err there by 0.03 rad (RMS) where their noise predicts 0.12 rad, and tracked headings by 0.10 rad. On mit-csail, aces
-and intel they err by 0.4, 0.4 and 1.9 rad, and tracked headings by less than 0.05 rad. Without closures nobody knows
-which of both drifts.
+err at closures by 0.03 rad (RMS), where their noise predicts 0.12 rad. Tracked headings err by 0.10 rad. On mit-csail,
+aces and intel headings by odometry err by 0.4, 0.4 and 1.9 rad, and tracked headings by less than 0.05 rad. Without
+closures nobody knows which of the two drifts.
 """
 
 from collections.abc import Sequence
@@ -41,11 +41,12 @@ class OdometryHeadings(NamedTuple):
         unknown = ~np.isfinite(turns) | np.array([keyframe.follows_gap for keyframe in later], dtype=np.bool_)
         stated = np.linalg.inv(np.array([keyframe.prior for keyframe in later], dtype=np.float64))[:, 2, 2]
         variances: FloatArray = np.where(unknown, np.inf, stated)
+        # Above 1 the trust is ignored, so that the learnt noise is rather too small and nothing is fused by mistake.
         trusts = np.minimum(np.array([keyframe.match.trust for keyframe in later], dtype=np.float64), 1.0)
         return cls(turns, variances * trusts, variances)
 
     def fused(self, motions: DriveMotions, closures: Sequence[MotionEdge]) -> DriveMotions | None:
-        """Return motions between keyframes fused with these turns; None if they drift as much as learnt, or more.
+        """Return motions between keyframes fused with these turns; None if these drift as their noise predicts.
 
         The motions contain the odometry already, as independent turns. So only the information beyond that is added, in
         units of the motions' own variances. One part of a turn's variance adds up, and the rest is jitter that the next

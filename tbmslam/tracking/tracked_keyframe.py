@@ -32,7 +32,7 @@ class TrackedKeyframe:
     T_odom_robot: SE2 | None = None
     """Pose of the robot by odometry; None if unknown."""
     follows_gap: bool = False
-    """Whether keyframes before it were forgotten. The prior is then no motion by odometry."""
+    """Whether keyframes before it were forgotten. Its prior then does not come from odometry."""
 
     @classmethod
     def of(

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import part
+from tbmslam.kernels import kernel, part
 
 Cell = tuple[int, int]
 """A row and a column."""
@@ -14,7 +14,7 @@ _TILE = 16
 """Columns of a tile; reading a rotated grid tile by tile stays within a small part of memory."""
 
 
-@part
+@kernel
 def resample(
     masses: npt.NDArray[np.float32],
     corner: Cell,

@@ -252,9 +252,9 @@ def write_masses(
     keeps_conflict: bool,
     masses: npt.NDArray[np.float32],
 ) -> None:
-    """Write the masses (rows, cols, 4) of counts from a cell on: conflict, free, occupied, unknown.
+    """Write the masses (rows, cols, 4) of a window of the counts: conflict, free, occupied, unknown.
 
-    Cells beyond the counts are vacuous.
+    The window begins at `first_row` and `first_col`. Cells beyond the counts are vacuous.
     `hit_decay` (H, 2) and `miss_decay` (M, 2) are powers of q(UNKNOWN) / q(FREE) and q(UNKNOWN) / q(OCCUPIED) of one
     hit and of one passage, for every exponent from 0 to the largest count; see `tbmslam.belief.evidence_grid`. With
     `keeps_conflict` evidence is combined conjunctively (eq. 5), else by Dempster's rule.

@@ -69,6 +69,14 @@ def test_a_change_of_a_callee_recompiles_its_callers_and_nothing_else(package):
     assert run(package) == ["8", "1", "-1", "0"]
 
 
+@pytest.mark.parametrize("name", ["kernel_compiler", "remembered_types"])
+def test_a_change_of_the_compiler_recompiles_all_kernels(package, name):
+    run(package)
+    compiler = package / f"{name}.py"
+    compiler.write_text(compiler.read_text(encoding="utf-8") + "# changed\n", encoding="utf-8")
+    assert run(package) == ["2", "0", "0", "0"]
+
+
 def test_a_second_installation_compiles_nothing(package, tmp_path):
     run(package)
     copied = tmp_path / "elsewhere" / "tbmslam"

@@ -20,7 +20,7 @@ def chain_of(turns, deviation=STEP):
 
 @pytest.fixture
 def certain(monkeypatch):
-    monkeypatch.setattr(heading_chain, "_CERTAINTY", 0.0)
+    monkeypatch.setattr(heading_chain, "_PRIOR_LOOPS", 0.0)
 
 
 def test_independent_errors_are_as_expected(certain):
@@ -70,7 +70,7 @@ def test_nothing_is_known_without_closures_or_with_unknown_turns():
 
 
 def test_many_closures_are_thinned_evenly(monkeypatch):
-    monkeypatch.setattr(heading_chain, "_MOST", 10)
+    monkeypatch.setattr(heading_chain, "_MOST_CLOSURES", 10)
     turns = np.concatenate((np.zeros(500), np.full(500, 10.0 * STEP)))
     early, late = [(k, k + 50) for k in range(0, 450, 5)], [(k, k + 50) for k in range(500, 950, 5)]
     assert chain_of(turns).drift(closures_of(early + late)) > 10.0

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -97,8 +99,5 @@ def test_turns_across_forgotten_keyframes_and_without_odometry_are_unknown():
     assert headings.turns[[0, 3]] == pytest.approx([2.0 * np.pi - 6.2, 0.0])
     assert headings.variances == pytest.approx([1 / 400, np.inf, np.inf, 1 / 400])
     assert headings.learnt == pytest.approx([1 / 1600, np.inf, np.inf, 1 / 1600])
-    keyframes[4] = TrackedKeyframe(**{name: getattr(keyframes[4], name) for name in FIELDS} | {"follows_gap": True})
+    keyframes[4] = replace(keyframes[4], follows_gap=True)
     assert np.isinf(OdometryHeadings.of(keyframes).variances[1:]).all()
-
-
-FIELDS = ("index", "outline", "ranges", "T_robot_sensor", "match", "prior", "T_odom_robot")
