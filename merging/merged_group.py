@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from merging.config import MergeConfig
+from merging.config import MergeConfig, Rule
 from merging.fusion import CellSizeError, Fusion, fuse, place
 from merging.joint_slam import JointRefinement, redraw, refine_jointly, rendered_alike
 from merging.map_graph.grouping import Group
@@ -35,28 +35,30 @@ class MergedGroup:
     """The joint optimisation of the drives; None if the maps stayed rigid."""
 
 
-def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, progress: Progress) -> MergedGroup:
-    """Merge the maps of a group."""
+def merge_group(
+    maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, progress: Progress, rule: Rule = "disjunctive"
+) -> MergedGroup:
+    """Merge the maps of a group, by `rule` where the parameters name none."""
     with progress.during("joint optimisation"):
         joint = refine_jointly(maps, group.poses, config.joint, progress) if config.joint.enabled else None
     poses = group.poses if joint is None else joint.poses
     laid = {name: maps[name].grid if joint is None else joint.maps[name].grid for name in poses}
     placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}
     with progress.during("fusing"):
-        fusion = _fused(laid, placed, maps[group.first].grid.geometry, config)
+        fusion = _fused(laid, placed, maps[group.first].grid.geometry, config, config.rule or rule)
         if joint is not None and _may_be_rendered(joint, config):
             fusion = replace(fusion, grid=_drawn(joint, fusion.grid.geometry), rule="redrawn")
     return MergedGroup(_merged(maps, poses, joint, fusion, config), poses, fusion, joint)
 
 
 def _fused(
-    grids: Mapping[str, TbmGrid], poses: Mapping[str, SE2], lattice: GridGeometry, config: MergeConfig
+    grids: Mapping[str, TbmGrid], poses: Mapping[str, SE2], lattice: GridGeometry, config: MergeConfig, rule: Rule
 ) -> Fusion:
     if config.merged_resolution is not None:
         lattice = lattice._replace(resolution=config.merged_resolution)
     layers = [place(grids[name], T_merged_map, lattice) for name, T_merged_map in poses.items()]
     trusts = [config.reliability.get(name, 1.0) for name in poses]
-    return fuse(layers, config.rule or "disjunctive", config.coverage, trusts)
+    return fuse(layers, rule, config.coverage, trusts)
 
 
 def _may_be_rendered(joint: JointRefinement, config: MergeConfig) -> bool:
@@ -131,8 +133,9 @@ class GroupMap:
     ) -> "GroupMap":
         """Merge maps with known poses T_any_map in the frame of the map with the largest known area.
 
-        The rule, the coverage and the reliabilities of the user are not applied. A single map stays unchanged. Raises a
-        `CellSizeError` if the merged map would have too many cells.
+        The rule, the coverage and the reliabilities of the user are not applied. Grids are averaged: by the disjunctive
+        rule walls that differ by a cell become unknown, and a group of ten maps has hardly any wall. A single map stays
+        unchanged. Raises a `CellSizeError` if the merged map would have too many cells.
         """
         first, *others = most_known_first(maps, poses)
         if not others:
@@ -141,7 +144,7 @@ class GroupMap:
         poses = {first: SE2.identity()} | {name: T_first @ poses[name] for name in others}
         cell_m = maps[first].grid.geometry.resolution
         _check_extent(maps, poses, min(cell_m, config.resolution or cell_m))
-        merged = merge_group(maps, Group(poses), config.model_copy(update=_DEFAULT_FUSION), progress)
+        merged = merge_group(maps, Group(poses), config.model_copy(update=_DEFAULT_FUSION), progress, "average")
         return cls(merged.merged.grid, merged.poses)
 
 
