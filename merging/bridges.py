@@ -131,22 +131,17 @@ def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: Merge
 
 
 def _seconds(pair: Pair, accepted: Sequence[Pair], alignments: Mapping[Pair, Alignment]) -> list[Pair]:
-    """Return the accepted pairs that alone join the maps of an accepted pair, without this pair."""
-    if pair not in accepted:
-        return []
-    return [
-        second
-        for second in _path(pair, accepted, [pair])
-        if alignments[second].method == "correlation" and not _path(pair, accepted, [pair, second])
-    ]
+    """Return the accepted pairs that may be a bridge together with an accepted pair: those along a path around it."""
+    around = _path(pair, accepted) if pair in accepted else []
+    return [second for second in around if alignments[second].method == "correlation"]
 
 
-def _path(ends: Pair, joined: Sequence[Pair], without: Sequence[Pair]) -> list[Pair]:
-    """Return the joined pairs along a shortest path between two maps without some pairs; none if there is no path."""
+def _path(ends: Pair, joined: Sequence[Pair]) -> list[Pair]:
+    """Return the joined pairs along a shortest path between two maps, other than their own; none without a path."""
     reached, waiting = dict[str, list[Pair]]({ends[0]: []}), [ends[0]]
     for name in waiting:
         for pair in joined:
-            if name not in pair or pair in without:
+            if name not in pair or pair == ends:
                 continue
             other = pair[0] if pair[1] == name else pair[1]
             if other not in reached:
