@@ -3,7 +3,8 @@
 A few walls of two maps may agree by chance. If two buildings have similar rooms, several refused alignments agree with
 a wrong pose. So each bridge is verified by an alignment of both groups, each as one map of all its walls. A confident
 bridge is verified too: of the 45,000 pairs of 300 maps, six of different buildings were accepted, one with a confidence
-above 0.999. One of the groups may be deformed if the bridge is the alignment of a deformed map.
+above 0.999. One of the groups may be deformed, since drives bend maps. The merged map of a group has walls that single
+maps lack, so walls seen through count more than between single maps (`merging.seen_through`).
 
 Two alignments between the same groups are no independent evidence, since the maps of a group show the same rooms. So
 they are a bridge as well if each of the groups has several maps. Without this, two of 30 simulated buildings became one
@@ -24,10 +25,10 @@ from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.merged_group import group_maps_of
 from merging.nonrigid.search import align_deformable
-from merging.pairwise import align_all
+from merging.seen_through import confidences_of_groups
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.parallel.executor import Executor
+from tbmslam.parallel.executor import Progress
 
 logger = logging.getLogger(__name__)
 
@@ -50,19 +51,13 @@ class Bridge:
         return self.pairs[0]
 
     @property
-    def T_target_source(self) -> SE2:
-        """Pose of the source in the target's frame."""
-        target, source = self.pair
-        return self.sides[0][target].inverse() @ self.sides[1][source]
-
-    @property
     def names(self) -> Sides:
         """The maps on either side."""
         return frozenset(map(frozenset, self.sides))
 
 
 def without_refuted_bridges(
-    found: MergeState, config: MergeConfig, executor: Executor, among: Collection[Pair] | None = None
+    found: MergeState, config: MergeConfig, progress: Progress, among: Collection[Pair] | None = None
 ) -> MergeState:
     """Split groups at bridges that the alignment of both sides does not confirm.
 
@@ -70,7 +65,7 @@ def without_refuted_bridges(
     """
     confirmed = set[Sides]()
     while True:
-        refuted, fitting = refute_bridge(found, config, executor, confirmed, among)
+        refuted, fitting = refute_bridge(found, config, progress, confirmed, among)
         confirmed |= fitting
         if not refuted:
             return found
@@ -80,7 +75,7 @@ def without_refuted_bridges(
 def refute_bridge(
     found: MergeState,
     config: MergeConfig,
-    executor: Executor,
+    progress: Progress,
     confirmed: Collection[Sides] = (),
     among: Collection[Pair] | None = None,
 ) -> tuple[dict[Pair, Alignment], set[Sides]]:
@@ -95,8 +90,7 @@ def refute_bridge(
     for join in sorted(joins, key=lambda join: alignments[join.pair].confidence):
         if join.names in confirmed:
             continue
-        is_deformed = any(alignments[pair].bent_m > 0.0 for pair in join.pairs)
-        confidence = _confidence_of_sides(join, found.maps, config, executor, is_deformed=is_deformed)
+        confidence = _confidence_of_sides(join, found.maps, config, progress)
         if confidence < config.graph.min_whole:
             numbers = " and ".join(str(len(side)) for side in join.sides)
             why = f"the groups of {numbers} maps that it joins do not match as wholes (confidence {confidence:.2f})"
@@ -210,27 +204,20 @@ def _sides(
     return sides[pair[0]], sides[pair[1]]
 
 
-def _confidence_of_sides(
-    join: Bridge, maps: Mapping[str, TbmMap], config: MergeConfig, executor: Executor, *, is_deformed: bool
-) -> float:
+def _confidence_of_sides(join: Bridge, maps: Mapping[str, TbmMap], config: MergeConfig, progress: Progress) -> float:
     """Return the confidence of a bridge's pose in the alignment of both groups, each as one map; 0 without hypothesis.
 
-    One of the groups may be deformed if the bridge `is_deformed`. Groups that are too large for one map cannot be
-    verified and give 1.
+    Groups that are too large for one map cannot be verified and give 1.
     """
-    target, source = join.pair
-    wholes = group_maps_of(maps, dict(zip(join.pair, join.sides, strict=True)), config, executor.progress)
-    if len(wholes) < 2:
+    wholes = group_maps_of(maps, join.sides, config, progress)
+    if not wholes:
         return 1.0
-    grids = {name: TbmMap(whole.grid) for name, whole in wholes.items()}
-    if is_deformed:
-        found = align_deformable(grids[target], grids[source], config)
-    else:
-        found = align_all(grids, config, executor, [join.pair])[join.pair]
-    expected = wholes[target].poses[target] @ join.T_target_source @ wholes[source].poses[source].inverse()
+    grids = TbmMap(wholes[0].grid), TbmMap(wholes[1].grid)
+    found = align_deformable(*grids, config)
+    expected = wholes[0].T_common_map.inverse() @ wholes[1].T_common_map
     confidences = (
-        hypothesis.confidence
-        for hypothesis in found.hypotheses()
+        float(confidence)
+        for hypothesis, confidence in zip(found.hypotheses(), confidences_of_groups(found, *grids, config), strict=True)
         if is_same_pose(expected, hypothesis.T_target_source, config.graph, hypothesis.covariance)
     )
     return max(confidences, default=0.0)

@@ -1,7 +1,7 @@
 """Merges the maps of a group, whose relative poses are known: drives are optimised jointly, cells are fused."""
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -124,42 +124,53 @@ class GroupMap:
     """A group of maps as one map."""
 
     grid: TbmGrid
-    poses: Mapping[str, SE2]
-    """T_whole_map of every map of the group."""
-
-    @classmethod
-    def of(
-        cls, maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, progress: Progress
-    ) -> "GroupMap":
-        """Merge maps with known poses T_any_map in the frame of the map with the largest known area.
-
-        The rule, the coverage and the reliabilities of the user are not applied. Grids are averaged: by the disjunctive
-        rule walls that differ by a cell become unknown, and a group of ten maps has hardly any wall. A single map stays
-        unchanged. Raises a `CellSizeError` if the merged map would have too many cells.
-        """
-        first, *others = most_known_first(maps, poses)
-        if not others:
-            return cls(maps[first].grid, {first: SE2.identity()})
-        T_first = poses[first].inverse()
-        poses = {first: SE2.identity()} | {name: T_first @ poses[name] for name in others}
-        cell_m = maps[first].grid.geometry.resolution
-        _check_extent(maps, poses, min(cell_m, config.resolution or cell_m))
-        merged = merge_group(maps, Group(poses), config.model_copy(update=_DEFAULT_FUSION), progress, "average")
-        return cls(merged.merged.grid, merged.poses)
+    T_common_map: SE2
+    """Pose of the map's frame in the frame in which the poses of the group were given."""
 
 
 def group_maps_of(
-    maps: Mapping[str, TbmMap], groups: Mapping[str, Mapping[str, SE2]], config: MergeConfig, progress: Progress
-) -> dict[str, GroupMap]:
-    """Return groups, given as T_any_map of their maps, as one map each; groups that are too large are left out."""
-    wholes = {}
-    for group, poses in groups.items():
-        try:
-            wholes[group] = GroupMap.of(maps, poses, config, progress)
-        except (CellSizeError, MemoryError) as error:
-            why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
-            logger.warning("%s are not compared as one map: %s", ", ".join(poses), why)
-    return wholes
+    maps: Mapping[str, TbmMap], groups: Sequence[Mapping[str, SE2]], config: MergeConfig, progress: Progress
+) -> list[GroupMap]:
+    """Merge groups, given as T_common_map of their maps, to one map each; none if one of them is too large.
+
+    The drives of all groups are optimised jointly, so drift that closures between the groups explain is no difference
+    of their maps. The rule, the coverage and the reliabilities of the user are not applied. Grids are averaged: by the
+    disjunctive rule walls that differ by a cell become unknown, and a group of ten maps has hardly any wall.
+    """
+    config = config.model_copy(update=_DEFAULT_FUSION)
+    poses = {name: pose for group in groups for name, pose in group.items()}
+    try:
+        for group in groups:
+            _check_extent(maps, group, config)
+        ordered = {name: poses[name] for name in most_known_first(maps, poses)}
+        joint = refine_jointly(maps, ordered, config.joint, progress) if config.joint.enabled else None
+        return [_group_map(maps, group, joint, config, progress) for group in groups]
+    except (CellSizeError, MemoryError) as error:
+        why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
+        logger.warning("%s are not compared as groups: %s", ", ".join(poses), why)
+        return []
+
+
+def _group_map(
+    maps: Mapping[str, TbmMap],
+    poses: Mapping[str, SE2],
+    joint: JointRefinement | None,
+    config: MergeConfig,
+    progress: Progress,
+) -> GroupMap:
+    """Merge a group in the common frame after a joint optimisation, else in the frame of its best known map."""
+    if joint is not None:
+        laid = {name: joint.maps[name].grid for name in poses}
+        lattice = next(iter(laid.values())).geometry
+        return GroupMap(
+            _fused(laid, dict.fromkeys(laid, SE2.identity()), lattice, config, "average").grid, SE2.identity()
+        )
+    first, *others = most_known_first(maps, poses)
+    if not others:
+        return GroupMap(maps[first].grid, poses[first])
+    T_first = poses[first].inverse()
+    group = Group({first: SE2.identity()} | {name: T_first @ poses[name] for name in others})
+    return GroupMap(merge_group(maps, group, config, progress, "average").merged.grid, poses[first])
 
 
 def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[str]:
@@ -172,9 +183,15 @@ def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[s
     return sorted(names, key=lambda name: -known_m2[name])
 
 
-def _check_extent(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], cell_m: float) -> None:
+def _check_extent(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig) -> None:
     """Refuse maps that would have too many cells together, before memory is allocated."""
-    corners = [corners_of(maps[name].grid.known_part().geometry, pose) for name, pose in poses.items()]
+    if len(poses) < 2:
+        return
+    first = most_known_first(maps, poses)[0]
+    cell_m = maps[first].grid.geometry.resolution
+    cell_m = min(cell_m, config.resolution or cell_m)
+    T_first = poses[first].inverse()
+    corners = [corners_of(maps[name].grid.known_part().geometry, T_first @ pose) for name, pose in poses.items()]
     width, height = np.ptp(np.concatenate(corners), axis=0)
     cells = width * height / cell_m**2
     if not cells <= MAX_CELLS:

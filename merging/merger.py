@@ -112,7 +112,7 @@ def merge(
     found = MergeState.of(maps, known.alignments, grouping)
     found = with_pairs_aligned(found, config, executor)
     found = with_short_range_alignments(found, config, executor)
-    found = without_refuted_bridges(found, config, executor)
+    found = without_refuted_bridges(found, config, executor.progress)
     found = _with_deformed_maps(found, config, executor)
     group = found.groups[0]
     done = _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
@@ -174,7 +174,7 @@ def _with_deformed_maps(found: MergeState, config: MergeConfig, executor: Execut
     without = {pair: replace(alignment, accepted=False, confidence=0.0) for pair, alignment in rigid.items()}
     before = found.with_alignments(without).groups if without else found.groups
     found = found.with_alignments({pair: registration.alignment for pair, registration in registrations.items()})
-    found = without_refuted_bridges(found, config, executor, registrations.keys() - rigid.keys())
+    found = without_refuted_bridges(found, config, executor.progress, registrations.keys() - rigid.keys())
     kept = {pair: each for pair, each in registrations.items() if found.alignments[pair].accepted}
     found = found.with_deformed(deformed_maps(kept, found.maps, found.groups, before))
     return found.with_own_grids([pair for pair in kept if any(pair in group.used for group in found.groups)])

@@ -15,7 +15,7 @@ from merging.merge_state import MergeState
 from merging.pairwise import align_all
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.parallel.executor import Executor
+from tbmslam.parallel.executor import Progress
 from tests.merging.bent_floor import bent_maps
 from tests.merging.conftest import draw_rooms, grid_of_occupancy
 from tools.benchmarks.strangers import building_of
@@ -72,7 +72,7 @@ def state_of(maps, alignments):
 
 
 def refuted(maps, alignments, confirmed=(), config=CONFIG):
-    return refute_bridge(state_of(maps, alignments), config, Executor(), confirmed)
+    return refute_bridge(state_of(maps, alignments), config, Progress(), confirmed)
 
 
 def sides_of(alignments):
@@ -192,7 +192,7 @@ def test_refused_alignments_that_agree_are_a_bridge_as_well(strangers, neighbour
 def test_a_refuted_bridge_of_a_group_that_stays_is_not_checked_again(strangers):
     alignments = SURE | AGREEING[0] | AGREEING[1]
     (group,) = state_of(strangers, alignments).groups
-    found = without_refuted_bridges(MergeState.of(strangers, alignments, lambda _: [group]), CONFIG, Executor())
+    found = without_refuted_bridges(MergeState.of(strangers, alignments, lambda _: [group]), CONFIG, Progress())
     assert found.alignments["b", "c"].confidence < CONFIG.graph.min_whole
 
 
@@ -231,7 +231,7 @@ def test_an_outvoted_alignment_of_the_sides_is_not_refused_with_the_bridge(stran
 
 def test_bridges_of_other_pairs_are_not_verified_again(strangers):
     state = state_of(strangers, SURE | stated("bc", 0.95))
-    assert refute_bridge(state, CONFIG, Executor(), among=[("a", "d")]) == ({}, set())
+    assert refute_bridge(state, CONFIG, Progress(), among=[("a", "d")]) == ({}, set())
 
 
 def test_refused_alignments_put_maps_on_sides():

@@ -11,7 +11,7 @@ from merging.config import MergeConfig
 from merging.fusion import fuse, warp
 from merging.joint_slam import redraw
 from merging.map_graph.grouping import Group
-from merging.merged_group import GroupMap, group_maps_of, merge_group, most_known_first
+from merging.merged_group import group_maps_of, merge_group, most_known_first
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
@@ -149,27 +149,31 @@ ORDERS = ("a", "bare"), ("bare", "a")
 GROUP_POSES = {"a": SE2(7.0, 0.0, 0.0), "b": SE2(7.0, 1.0, 0.0)}
 
 
-def test_it_lies_in_the_frame_of_one_of_its_maps_wherever_that_was():
-    whole = GroupMap.of(MAPS, GROUP_POSES, MergeConfig(), Progress())
-    assert whole.poses == {"a": SE2.identity(), "b": SE2(0.0, 1.0, 0.0)}
+def group_map(poses, maps=MAPS, config=None):
+    (whole,) = group_maps_of(maps, [poses], config or MergeConfig(), Progress())
+    return whole
+
+
+def test_a_group_map_lies_in_the_frame_of_one_of_its_maps():
+    whole = group_map(GROUP_POSES)
+    assert whole.T_common_map == GROUP_POSES["a"]
     walls = np.argwhere(whole.grid.masses[..., 2] > 0.7)
     ys = {round(whole.grid.geometry.centre_of(float(row), float(col))[1], 2) for row, col in walls}
     assert ys == {0.55, 2.45}
 
 
 def test_one_map_stays_as_it_is():
-    whole = GroupMap.of(MAPS, {"c": SE2(3.0, 4.0, 1.0)}, MergeConfig(), Progress())
+    whole = group_map({"c": SE2(3.0, 4.0, 1.0)})
     assert whole.grid is MAPS["c"].grid
-    assert whole.poses == {"c": SE2.identity()}
+    assert whole.T_common_map == SE2(3.0, 4.0, 1.0)
 
 
 def test_a_group_map_has_the_frame_of_its_largest_map_in_any_order():
     bare = room(9)
     bare.grid.masses[5:8] = (0.0, 0.0, 0.0, 1.0)
     maps, poses = {"bare": bare, "a": MAPS["a"]}, {"bare": SE2(7.0, 1.0, 0.0), "a": SE2(7.0, 0.0, 0.0)}
-    wholes = [GroupMap.of(maps, {name: poses[name] for name in names}, MergeConfig(), Progress()) for names in ORDERS]
-    assert wholes[0].poses == {"a": SE2.identity(), "bare": SE2(0.0, 1.0, 0.0)}
-    assert wholes[0].poses == wholes[1].poses
+    wholes = [group_map({name: poses[name] for name in names}, maps) for names in ORDERS]
+    assert wholes[0].T_common_map == wholes[1].T_common_map == poses["a"]
     np.testing.assert_array_equal(wholes[0].grid.masses, wholes[1].grid.masses)
 
 
@@ -178,26 +182,28 @@ def test_a_group_map_has_the_frame_of_its_largest_map_in_any_order():
     [{"rule": "conjunctive"}, {"coverage": "overlap"}, {"reliability": {"a": 0.1}}, {"merged_resolution": 0.2}],
 )
 def test_what_the_merged_map_shall_hold_does_not_change_what_the_maps_know(wanted):
-    asked, plain = (GroupMap.of(MAPS, GROUP_POSES, MergeConfig.model_validate(one), Progress()) for one in (wanted, {}))
+    asked, plain = (group_map(GROUP_POSES, config=MergeConfig.model_validate(each)) for each in (wanted, {}))
     assert asked.grid.geometry == plain.grid.geometry
     np.testing.assert_array_equal(asked.grid.masses, plain.grid.masses)
 
 
-def test_what_is_too_large_to_be_one_map_is_left_out(caplog, monkeypatch):
+def test_groups_are_not_compared_if_one_is_too_large(caplog, monkeypatch):
     far = {"a": SE2.identity(), "b": SE2(3000.0, 3000.0, 0.0)}
-    wholes = group_maps_of(MAPS, {"far": far, "near": GROUP_POSES}, MergeConfig(merged_resolution=1.0), Progress())
-    assert list(wholes) == ["near"]
-    told = "a, b are not compared as one map: 3001 x 3001 m in cells of 0.1 m would be 9e+08 cells, more than the 4e+08"
-    assert caplog.messages == [f"{told} that are possible"]
-    finer = group_maps_of(MAPS, {"ab": {**far, "b": SE2(500.0, 500.0, 0.0)}}, MergeConfig(resolution=0.01), Progress())
-    assert finer == {}  # they would be looked at in these cells
+    near = {"c": SE2.identity()}
+    assert group_maps_of(MAPS, [far, near], MergeConfig(merged_resolution=1.0), Progress()) == []
+    why = (
+        "a, b, c are not compared as groups: 3001 x 3001 m in cells of 0.1 m would be 9e+08 cells, more than the 4e+08"
+    )
+    assert caplog.messages == [f"{why} that are possible"]
+    fine = MergeConfig(resolution=0.01)  # the groups would be compared in these cells
+    assert group_maps_of(MAPS, [{**far, "b": SE2(500.0, 500.0, 0.0)}, near], fine, Progress()) == []
 
     def none_left(*_):
         raise MemoryError
 
     monkeypatch.setattr(merged_group, "merge_group", none_left)
-    assert group_maps_of(MAPS, {"ab": GROUP_POSES}, MergeConfig(), Progress()) == {}
-    assert caplog.messages[-1] == "a, b are not compared as one map: memory has run out"
+    assert group_maps_of(MAPS, [GROUP_POSES, near], MergeConfig(), Progress()) == []
+    assert caplog.messages[-1] == "a, b, c are not compared as groups: memory has run out"
 
 
 def test_the_largest_map_is_chosen_by_area_and_not_by_cells():
