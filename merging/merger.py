@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from merging.alignment import Alignment, Pair
-from merging.bridges import without_refuted_bridges
+from merging.bridges.refutation import without_refuted_bridges
 from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.joint_slam import JointRefinement

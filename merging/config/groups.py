@@ -23,7 +23,7 @@ class GraphConfig(FrozenConfig):
         0.4, ge=1e-9, le=1, description="probability that wrong poses of two pairs agree; see `support_of`"
     )
     min_support: float = Field(2.19, description="least log odds at which maps are joined")
-    # A bridge joins two groups by one or two accepted alignments, or by refused ones; see `merging.bridges`.
+    # A bridge joins two groups by one or two accepted alignments, or by refused ones; see `merging.bridges.bridge`.
     min_whole: Share = Field(0.1, description="least confidence of a bridge by the groups as wholes")
     deviation_m: Metres = Field(0.05, description="standard deviation of an alignment without a covariance [m]")
     deviation_rad: float = Field(0.005, gt=0, description="standard deviation of its rotation [rad]")

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import merging
 from datasets import open_recording
 from datasets.options import RecordingOptions
 from tbmslam.configuration.slam_config import SlamConfig
@@ -97,6 +98,15 @@ def test_two_robots_from_one_real_drive(shared_data, tmp_path):
     maps = build(tmp_path / "maps", shared_data / "mit-csail" / "mit-csail.bag", "--robots", 2)
     merged = merge_maps(tmp_path / "merged", *map_folders(maps))
     assert merged["merged"] is True
+
+
+@pytest.mark.parametrize(("is_joint", "merged"), [(True, 5), (False, 2)])
+def test_groups_of_bent_drives_match_after_a_joint_optimisation(shared_data, tmp_path, monkeypatch, is_joint, merged):
+    maps = build(tmp_path / "maps", shared_data / "aces" / "aces.bag", *ONE_DEGREE, "--robots", 5)
+    if not is_joint:
+        monkeypatch.setattr("merging.merged_group.refine_jointly", lambda *_: None)
+    parts = {folder.name: load_map(folder) for folder in map_folders(maps)}
+    assert len(merging.merge(parts).poses) == merged
 
 
 def test_two_real_drives_merge_and_merge_with_a_known_map(shared_data, tmp_path):

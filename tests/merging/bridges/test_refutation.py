@@ -8,7 +8,8 @@ import pytest
 from datasets.synthetic.map_pairs import pairs as map_pairs
 from merging import MergeConfig, align, merge, merged_group
 from merging.alignment import Alignment, PoseHypothesis
-from merging.bridges import bridges_of, refute_bridge, without_refuted_bridges
+from merging.bridges.bridge import bridges_of
+from merging.bridges.refutation import refute_bridge, without_refuted_bridges
 from merging.fusion import warp
 from merging.map_graph.grouping import groups_of
 from merging.merge_state import MergeState

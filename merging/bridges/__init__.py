@@ -1,0 +1,1 @@
+"""Alignments that alone join two groups of maps, and their verification."""

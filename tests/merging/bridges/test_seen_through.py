@@ -1,0 +1,101 @@
+"""The likelihood of walls that are seen through, and the confidence of two groups that they give."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from merging import MergeConfig
+from merging.alignment import Alignment, PoseHypothesis
+from merging.bridges import seen_through
+from merging.bridges.seen_through import AT_FALSE_POSES, AT_TRUE_POSES, confidences_of_groups, log_likelihood_ratio
+from merging.merged_group import group_maps_of
+from merging.rigid_alignment import align_whole
+from merging.verification import Evidence, Pieces
+from tbmslam.geometry.se2 import SE2
+from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Progress
+from tests.merging.conftest import draw_rooms, grid_of_occupancy
+from tools.benchmarks.fleet import make_fleet
+from tools.map_pairs.placed_maps import maps_by_name
+
+NOTHING = Evidence(0, 0, 0, 0, 0, 0, None, 0, 0, 0, 0, 0, 0, Pieces(0, 0, 0, 0))
+FLOOR = TbmMap(grid_of_occupancy(draw_rooms(3), 0.05))
+
+
+def seen(through_m, compared_m):
+    return replace(NOTHING, seen_through_m=through_m, compared_wall_m=compared_m)
+
+
+@pytest.mark.parametrize("kind", [AT_TRUE_POSES, AT_FALSE_POSES])
+@pytest.mark.parametrize("compared_m", [0.0, 12.0, 85.0, 400.0])
+def test_the_density_of_all_lengths_sums_to_one(kind, compared_m):
+    lengths = np.geomspace(seen_through._NOTHING_M, 200.0, 4000)
+    densities = np.exp([kind.log_density(length, compared_m) for length in lengths])
+    total = math.exp(kind.log_density(0.0, compared_m)) + np.trapezoid(densities, lengths)
+    assert total == pytest.approx(1.0, abs=0.09 * (1.0 - math.exp(-kind.per_m * compared_m)) + 3e-4)
+
+
+def test_the_density_is_that_of_a_poisson_number_of_exponential_lengths():
+    rng = np.random.default_rng(7)
+    numbers = rng.poisson(AT_FALSE_POSES.per_m * 40.0, 200_000)
+    lengths = rng.gamma(np.maximum(numbers, 1), AT_FALSE_POSES.length_m) * (numbers > 0)
+    edges = np.arange(0.1, 5.0, 0.1)
+    counted = np.histogram(lengths, edges)[0] / len(lengths) / 0.1
+    middles = (edges[1:] + edges[:-1]) / 2.0
+    stated = [math.exp(AT_FALSE_POSES.log_density(middle, 40.0)) for middle in middles]
+    np.testing.assert_allclose(stated, counted, atol=0.02)
+    assert math.exp(AT_FALSE_POSES.log_density(0.0, 40.0)) == pytest.approx(np.mean(numbers == 0), abs=0.001)
+
+
+def test_long_walls_that_nothing_sees_through_support_a_pose():
+    ratios = [log_likelihood_ratio(seen(0.0, compared_m)) for compared_m in (0.0, 10.0, 50.0, 200.0)]
+    assert ratios == sorted(ratios)
+    assert ratios[0] == pytest.approx(0.0, abs=0.01)
+    assert ratios[1] == pytest.approx(1.2, abs=0.05)
+
+
+def test_walls_seen_through_refute_a_pose_unless_the_compared_walls_are_long():
+    ratios = [log_likelihood_ratio(seen(through_m, 85.0)) for through_m in (0.0, 0.5, 1.0, 2.0, 4.0, 20.0)]
+    assert ratios == sorted(ratios, reverse=True)
+    assert ratios[-2] < -9.0
+    assert log_likelihood_ratio(seen(1.0, 85.0)) < 0.0 < log_likelihood_ratio(seen(1.0, 400.0))
+
+
+def alignment_of(confidence, evidence, others=()):
+    alternatives = tuple(PoseHypothesis(SE2(5.0, 0.0, 0.0), each, 10.0) for each in others)
+    pose = SE2.identity()
+    return Alignment("correlation", True, "", pose, confidence=confidence, evidence=evidence, alternatives=alternatives)
+
+
+def test_the_confidence_of_a_pose_is_updated_by_bayes_rule():
+    found = alignment_of(0.2, seen(0.3, 40.0))
+    (confidence,) = confidences_of_groups(found, FLOOR, FLOOR, MergeConfig())
+    odds = 0.25 * math.exp(log_likelihood_ratio(seen(0.3, 40.0)))
+    assert confidence == pytest.approx(odds / (1.0 + odds))
+
+
+def test_another_pose_that_sees_through_walls_makes_a_pose_more_likely():
+    found = alignment_of(0.45, seen(0.0, 60.0), [0.45])
+    here, elsewhere = confidences_of_groups(found, FLOOR, FLOOR, MergeConfig())
+    assert here > 0.999
+    assert elsewhere < 0.001
+
+
+def test_an_alignment_without_evidence_keeps_its_confidence():
+    assert confidences_of_groups(alignment_of(0.6, None), FLOOR, FLOOR, MergeConfig()).tolist() == [0.6]
+    assert not len(confidences_of_groups(Alignment("correlation", False, ""), FLOOR, FLOOR, MergeConfig()))
+
+
+@pytest.mark.slow
+def test_two_stores_with_equal_aisles_are_told_apart_by_the_walls_seen_through_only():
+    fleet = make_fleet(30, 10, 9103)
+    maps, config = maps_by_name(fleet), MergeConfig()
+    stores = []
+    for place in ("building 12", "building 19"):
+        poses = {name: each.T_map_building.inverse() for name, each in fleet.items() if each.place == place}
+        stores += [TbmMap(whole.grid) for whole in group_maps_of(maps, [poses], config, Progress())]
+    found = align_whole(*stores, config)
+    assert found.confidence > 0.9
+    assert max(confidences_of_groups(found, *stores, config)) < 0.1
