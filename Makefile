@@ -76,7 +76,7 @@ docs/real-drives.png: install
 
 # A fleet as a graph, and the merged map of its largest group.
 docs/fleet.png: install
-	$(BIN)/python tools/benchmark.py fleet 8x5 --seed 31 --plot $@
+	$(BIN)/python tools/benchmark.py fleet 8x5 --seeds 31 --plot $@
 
 # The pages of docs and the library's names as a site, out/site/index.html.
 site: develop

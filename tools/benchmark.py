@@ -164,7 +164,10 @@ def _add_fleet(fleet: argparse.ArgumentParser) -> None:
         "sizes", nargs="*", type=_fleet_size, default=[(1, 40), (40, 1)], metavar="BUILDINGSxMAPS",
         help="number of buildings, and of maps of each (1x40 40x1)",
     )  # fmt: skip
-    fleet.add_argument("--seed", type=_SEED, default=0, metavar="N", help="seed of the buildings (0)")
+    fleet.add_argument(
+        "--seeds", type=comma_separated(_SEED), default="0", metavar="N,...",
+        help="seeds of the buildings, a fleet of each (0)",
+    )  # fmt: skip
     fleet.add_argument("--workers", type=_COUNT, default=1, metavar="N", help="processes; the result is equal (1)")
     fleet.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose workers align the pairs")
     fleet.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the first fleet here")

@@ -42,6 +42,7 @@ _SEEDS_APART = 100_000  # difference between the building numbers of consecutive
 class FleetRun:
     """Figures of one fleet."""
 
+    seed: int
     buildings: int
     maps: int
     aligned: int
@@ -64,10 +65,11 @@ class FleetRun:
 def benchmark_fleet(args: argparse.Namespace) -> None:
     """Merge fleets of the given sizes and print the table."""
     machine = describe_machine()
-    plots = [args.plot, *[None] * len(args.sizes)]
+    plots = itertools.chain([args.plot], itertools.repeat(None))
     runs = [
-        in_fresh_process(run_fleet, size[0], size[1], args.seed, args.workers, args.scheduler, plot)
-        for size, plot in zip(args.sizes, plots, strict=False)
+        in_fresh_process(run_fleet, buildings, maps_each, seed, args.workers, args.scheduler, next(plots))
+        for buildings, maps_each in args.sizes
+        for seed in args.seeds
     ]
     table = ResultTable.of([_row(run) for run in runs])
     print(text_table(*table))
@@ -95,6 +97,7 @@ def run_fleet(
         write_bytes(plot, encode_png(draw_fleet(every, accepted, list(found.alignments), mean)))
     right, wrong = _joined(groups, placed, maps)
     return FleetRun(
+        seed,
         buildings,
         len(maps),
         len(found.alignments),
@@ -142,6 +145,7 @@ def _cpu_s() -> float:
 
 def _row(run: FleetRun) -> dict[str, str]:
     return {
+        "seed": str(run.seed),
         "buildings": str(run.buildings),
         "maps": str(run.maps),
         "pairs": str(run.maps * (run.maps - 1) // 2),

@@ -39,8 +39,9 @@ def test_joins_are_counted_by_the_truth(placed):
 
 def test_maps_of_a_building_are_merged_and_counted(tmp_path, capsys):
     figures = tmp_path / "fleet.json"
-    assert main(["fleet", "1x2", "--seed", "1", "--json", str(figures)]) == 0
-    (run,) = json.loads(figures.read_text())["fleets"]
+    assert main(["fleet", "1x2", "--seeds", "1,2", "--json", str(figures)]) == 0
+    run, other = json.loads(figures.read_text())["fleets"]
+    assert (run["seed"], other["seed"]) == (1, 2)
     assert (run["maps"], run["aligned"], run["groups"]) == (2, 1, 1)
     assert (run["right"], run["possible"], run["wrong"], run["placed"]) == (1, 1, 0, 2)
     assert 0.0 < run["cpu_s"] < 60.0
