@@ -35,17 +35,15 @@ class MergedGroup:
     """The joint optimisation of the drives; None if the maps stayed rigid."""
 
 
-def merge_group(
-    maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, progress: Progress, rule: Rule = "disjunctive"
-) -> MergedGroup:
-    """Merge the maps of a group, by `rule` where the parameters name none."""
+def merge_group(maps: Mapping[str, TbmMap], group: Group, config: MergeConfig, progress: Progress) -> MergedGroup:
+    """Merge the maps of a group."""
     with progress.during("joint optimisation"):
         joint = refine_jointly(maps, group.poses, config.joint, progress) if config.joint.enabled else None
     poses = group.poses if joint is None else joint.poses
     laid = {name: maps[name].grid if joint is None else joint.maps[name].grid for name in poses}
     placed = {name: pose if joint is None else SE2.identity() for name, pose in poses.items()}
     with progress.during("fusing"):
-        fusion = _fused(laid, placed, maps[group.first].grid.geometry, config, config.rule or rule)
+        fusion = _fused(laid, placed, maps[group.first].grid.geometry, config, config.rule or "disjunctive")
         if joint is not None and _may_be_rendered(joint, config):
             fusion = replace(fusion, grid=_drawn(joint, fusion.grid.geometry), rule="redrawn")
     return MergedGroup(_merged(maps, poses, joint, fusion, config), poses, fusion, joint)
@@ -129,48 +127,54 @@ class GroupMap:
 
 
 def group_maps_of(
-    maps: Mapping[str, TbmMap], groups: Sequence[Mapping[str, SE2]], config: MergeConfig, progress: Progress
+    maps: Mapping[str, TbmMap],
+    groups: Sequence[Mapping[str, SE2]],
+    config: MergeConfig,
+    progress: Progress,
+    joint: JointRefinement | None = None,
 ) -> list[GroupMap]:
     """Merge groups, given as T_common_map of their maps, to one map each; none if one of them is too large.
 
-    The drives of all groups are optimised jointly, so drift that closures between the groups explain is no difference
-    of their maps. The rule, the coverage and the reliabilities of the user are not applied. Grids are averaged: by the
+    `joint` is a joint optimisation of maps of all groups, see `jointly_refined`. Without it each group is optimised on
+    its own. The rule, the coverage and the reliabilities of the user are not applied. Grids are averaged: by the
     disjunctive rule walls that differ by a cell become unknown, and a group of ten maps has hardly any wall.
     """
     config = config.model_copy(update=_DEFAULT_FUSION)
-    poses = {name: pose for group in groups for name, pose in group.items()}
     try:
         for group in groups:
             _check_extent(maps, group, config)
-        ordered = {name: poses[name] for name in most_known_first(maps, poses)}
-        joint = refine_jointly(maps, ordered, config.joint, progress) if config.joint.enabled else None
-        return [_group_map(maps, group, joint, config, progress) for group in groups]
+        return [
+            _group_map(maps, group, config, joint or jointly_refined(maps, group, config, progress)) for group in groups
+        ]
     except (CellSizeError, MemoryError) as error:
+        names = ", ".join(name for group in groups for name in group)
         why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
-        logger.warning("%s are not compared as groups: %s", ", ".join(poses), why)
+        logger.warning("%s are not compared as groups: %s", names, why)
         return []
 
 
+def jointly_refined(
+    maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, progress: Progress
+) -> JointRefinement | None:
+    """Optimise the drives of a group, given as T_common_map, jointly; None with fewer than two drives or closures."""
+    ordered = most_known_first(maps, poses)
+    driven = {name: poses[name] for name in ordered if maps[name].drives}
+    return refine_jointly(maps, driven, config.joint, progress) if len(driven) > 1 else None
+
+
 def _group_map(
-    maps: Mapping[str, TbmMap],
-    poses: Mapping[str, SE2],
-    joint: JointRefinement | None,
-    config: MergeConfig,
-    progress: Progress,
+    maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, joint: JointRefinement | None
 ) -> GroupMap:
-    """Merge a group in the common frame after a joint optimisation, else in the frame of its best known map."""
-    if joint is not None:
-        laid = {name: joint.maps[name].grid for name in poses}
-        lattice = next(iter(laid.values())).geometry
-        return GroupMap(
-            _fused(laid, dict.fromkeys(laid, SE2.identity()), lattice, config, "average").grid, SE2.identity()
-        )
-    first, *others = most_known_first(maps, poses)
-    if not others:
-        return GroupMap(maps[first].grid, poses[first])
-    T_first = poses[first].inverse()
-    group = Group({first: SE2.identity()} | {name: T_first @ poses[name] for name in others})
-    return GroupMap(merge_group(maps, group, config, progress, "average").merged.grid, poses[first])
+    """Merge a group in the frame of its best known map, or in the common frame if this map was optimised jointly."""
+    first = most_known_first(maps, poses)[0]
+    refined = {} if joint is None else {name: joint.maps[name].grid for name in poses if name in joint.maps}
+    T_common_first = SE2.identity() if first in refined else poses[first]
+    T_first = T_common_first.inverse()
+    laid = {name: refined.get(name, maps[name].grid) for name in poses}
+    if len(laid) == 1:
+        return GroupMap(laid[first], T_common_first)
+    placed = {name: T_first if name in refined else T_first @ pose for name, pose in poses.items()}
+    return GroupMap(_fused(laid, placed, laid[first].geometry, config, "average").grid, T_common_first)
 
 
 def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[str]:

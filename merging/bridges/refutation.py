@@ -18,9 +18,10 @@ from merging.alignment import Alignment, Pair
 from merging.bridges.bridge import Bridge, Sides, bridges_of
 from merging.bridges.seen_through import confidences_of_groups
 from merging.config import MergeConfig
+from merging.joint_slam import JointRefinement
 from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
-from merging.merged_group import group_maps_of
+from merging.merged_group import group_maps_of, jointly_refined
 from merging.nonrigid.search import align_deformable
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Progress
@@ -37,47 +38,63 @@ def without_refuted_bridges(
     """
     confirmed = set[Sides]()
     while True:
-        refuted, fitting = refute_bridge(found, config, progress, confirmed, among)
+        refuted, fitting = refute_bridges(found, config, progress, confirmed, among)
         confirmed |= fitting
         if not refuted:
             return found
         found = found.with_alignments(refuted)
 
 
-def refute_bridge(
+def refute_bridges(
     found: MergeState,
     config: MergeConfig,
     progress: Progress,
     confirmed: Collection[Sides] = (),
     among: Collection[Pair] | None = None,
 ) -> tuple[dict[Pair, Alignment], set[Sides]]:
-    """Find a bridge that the alignment of both sides does not confirm, the most doubtful first.
+    """Find a bridge of each group that the alignment of both sides does not confirm, the most doubtful first.
 
-    Bridges between `confirmed` sides are not verified again. Returns the changed alignments: those of the bridge, now
-    refused, and others at the same pose; none if all bridges are confirmed. Also returns the sides that were confirmed.
+    Bridges between `confirmed` sides are not verified again. Returns the changed alignments: those of the bridges, now
+    refused, and others at the same poses; none if all bridges are confirmed. Also returns the confirmed sides.
     """
-    fitting, alignments = set[Sides](), found.alignments
-    joins = [join for group in found.groups for join in bridges_of(group, alignments, config)]
-    joins = [join for join in joins if among is None or all(pair in among for pair in join.pairs)]
-    for join in sorted(joins, key=lambda join: alignments[join.pair].confidence):
-        if join.names in confirmed:
+    fitting, alignments = set[Sides](), dict(found.alignments)
+    for group in found.groups:
+        bridges = [
+            bridge
+            for bridge in bridges_of(group, found.alignments, config)
+            if bridge.names not in confirmed and (among is None or all(pair in among for pair in bridge.pairs))
+        ]
+        if not bridges:
             continue
-        confidence = _confidence_of_sides(join, found.maps, config, progress)
-        if confidence < config.graph.min_whole:
-            numbers = " and ".join(str(len(side)) for side in join.sides)
-            why = f"the groups of {numbers} maps that it joins do not match as wholes (confidence {confidence:.2f})"
-            logger.info("%s in %s: refused: %s", *join.pair[::-1], why)
-            refuted = {pair: _refuted(each, pair, join, confidence, config) for pair, each in alignments.items()}
-            for pair in join.pairs:
-                reason = f"{why}: {alignments[pair].reason}"
-                refuted[pair] = replace(refuted[pair], accepted=False, reason=reason, confidence=confidence)
-            return {pair: changed for pair, changed in refuted.items() if changed is not alignments[pair]}, fitting
-        fitting.add(join.names)
-    return {}, fitting
+        with progress.during("verifying bridges"):
+            joint = jointly_refined(found.maps, group.poses, config, progress)
+            for bridge in sorted(bridges, key=lambda bridge: found.alignments[bridge.pair].confidence):
+                confidence = _confidence_of_sides(bridge, found.maps, joint, config, progress)
+                if confidence < config.graph.min_whole:
+                    alignments = _without(bridge, alignments, confidence, config)
+                    break
+                fitting.add(bridge.names)
+    return {pair: each for pair, each in alignments.items() if each is not found.alignments[pair]}, fitting
 
 
-def _refuted(found: Alignment, pair: Pair, bridge: Bridge, confidence: float, config: MergeConfig) -> Alignment:
-    """Return an alignment whose confidence at the pose of a bridge is limited to a probability."""
+def _without(
+    bridge: Bridge, alignments: Mapping[Pair, Alignment], confidence: float, config: MergeConfig
+) -> dict[Pair, Alignment]:
+    """Return alignments of which those at the pose of a bridge are refused and have its confidence at most."""
+    numbers = " and ".join(str(len(side)) for side in bridge.sides)
+    why = f"the groups of {numbers} maps that it joins do not match as wholes (confidence {confidence:.2f})"
+    logger.info("%s in %s: refused: %s", *bridge.pair[::-1], why)
+    refuted = {pair: _refuted(each, pair, bridge, confidence, why, config) for pair, each in alignments.items()}
+    for pair in bridge.pairs:
+        reason = f"{why}: {alignments[pair].reason}"
+        refuted[pair] = replace(refuted[pair], accepted=False, reason=reason, confidence=confidence)
+    return refuted
+
+
+def _refuted(
+    found: Alignment, pair: Pair, bridge: Bridge, confidence: float, why: str, config: MergeConfig
+) -> Alignment:
+    """Return an alignment whose confidence at the pose of a bridge is limited to a probability, with the reason."""
     poses = {**bridge.sides[0], **bridge.sides[1]}
     if any(len(poses.keys() & side.keys() & set(pair)) != 1 for side in bridge.sides):
         return found
@@ -90,21 +107,29 @@ def _refuted(found: Alignment, pair: Pair, bridge: Bridge, confidence: float, co
     )
     where = found.T_target_source
     if where is not None and is_same_pose(motion, where, config.graph, found.covariance):
-        found = replace(found, accepted=False, confidence=min(found.confidence, confidence))
+        reason = f"{why}: {found.reason}" if found.confidence > confidence else found.reason
+        found = replace(found, accepted=False, reason=reason, confidence=min(found.confidence, confidence))
     return found if alternatives == found.alternatives else replace(found, alternatives=alternatives)
 
 
-def _confidence_of_sides(join: Bridge, maps: Mapping[str, TbmMap], config: MergeConfig, progress: Progress) -> float:
+def _confidence_of_sides(
+    bridge: Bridge,
+    maps: Mapping[str, TbmMap],
+    joint: JointRefinement | None,
+    config: MergeConfig,
+    progress: Progress,
+) -> float:
     """Return the confidence of a bridge's pose in the alignment of both groups, each as one map; 0 without hypothesis.
 
+    `joint` is the joint optimisation of the whole group. It removes drift that would make true groups look different.
     Groups that are too large for one map cannot be verified and give 1.
     """
-    wholes = group_maps_of(maps, join.sides, config, progress)
-    if not wholes:
+    groups = group_maps_of(maps, bridge.sides, config, progress, joint)
+    if not groups:
         return 1.0
-    grids = TbmMap(wholes[0].grid), TbmMap(wholes[1].grid)
+    grids = TbmMap(groups[0].grid), TbmMap(groups[1].grid)
     found = align_deformable(*grids, config)
-    expected = wholes[0].T_common_map.inverse() @ wholes[1].T_common_map
+    expected = groups[0].T_common_map.inverse() @ groups[1].T_common_map
     confidences = (
         float(confidence)
         for hypothesis, confidence in zip(found.hypotheses(), confidences_of_groups(found, *grids, config), strict=True)

@@ -101,10 +101,11 @@ def test_two_robots_from_one_real_drive(shared_data, tmp_path):
 
 
 @pytest.mark.parametrize(("is_joint", "merged"), [(True, 5), (False, 2)])
-def test_groups_of_bent_drives_match_after_a_joint_optimisation(shared_data, tmp_path, monkeypatch, is_joint, merged):
+def test_bent_drives_merge_only_if_bridges_are_verified_after_a_joint_optimisation(shared_data, tmp_path, monkeypatch, is_joint, merged):
     maps = build(tmp_path / "maps", shared_data / "aces" / "aces.bag", *ONE_DEGREE, "--robots", 5)
     if not is_joint:
-        monkeypatch.setattr("merging.merged_group.refine_jointly", lambda *_: None)
+        monkeypatch.setattr("merging.bridges.refutation.jointly_refined", lambda *_: None)
+        monkeypatch.setattr("merging.merged_group.jointly_refined", lambda *_: None)
     parts = {folder.name: load_map(folder) for folder in map_folders(maps)}
     assert len(merging.merge(parts).poses) == merged
 

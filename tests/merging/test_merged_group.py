@@ -11,7 +11,9 @@ from merging.config import MergeConfig
 from merging.fusion import fuse, warp
 from merging.joint_slam import redraw
 from merging.map_graph.grouping import Group
-from merging.merged_group import group_maps_of, merge_group, most_known_first
+from merging.merged_group import group_maps_of, jointly_refined, merge_group, most_known_first
+from merging.verification import examine
+from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.evaluation.map_agreement import cell_labels, map_agreement
@@ -162,7 +164,45 @@ def test_a_group_map_lies_in_the_frame_of_one_of_its_maps():
     assert ys == {0.55, 2.45}
 
 
-def test_one_map_stays_as_it_is():
+def test_a_joint_optimisation_removes_differences_of_groups(maps):
+    shifted = [{"a": POSES["a"]}, {"b": SE2(0.15, 0.1, 0.0) @ POSES["b"]}]
+    joint = jointly_refined(maps, shifted[0] | shifted[1], MergeConfig(), Progress())
+    assert joint is not None
+    shares = []
+    for refinement in (None, joint):
+        groups = group_maps_of(maps, shifted, MergeConfig(), Progress(), refinement)
+        walls = [WallMap.from_grid(group.grid, MergeConfig().structure) for group in groups]
+        motion = groups[0].T_common_map.inverse() @ groups[1].T_common_map
+        shares.append(examine(*walls, motion, MergeConfig().verification).agreement)
+    assert shares[0] < 0.8
+    assert shares[1] > 0.95
+
+
+def test_a_map_without_drives_keeps_its_pose_in_a_joint_optimisation(maps):
+    plan = TbmMap(maps["b"].grid)
+    poses = {**POSES, "plan": POSES["b"]}
+    joint = jointly_refined({**maps, "plan": plan}, poses, MergeConfig(), Progress())
+    assert joint is not None
+    assert joint.maps.keys() == {"a", "b"}
+    whole, alone = group_maps_of(
+        {**maps, "plan": plan}, [poses, {"plan": POSES["b"]}], MergeConfig(), Progress(), joint
+    )
+    assert (alone.grid, alone.T_common_map) == (plan.grid, POSES["b"])
+    there = warp(plan.grid, whole.T_common_map.inverse() @ POSES["b"], whole.grid.geometry)
+    agreement = map_agreement(cell_labels(whole.grid), cell_labels(there))
+    assert agreement.agree > 0.97
+
+
+def test_a_group_is_optimised_on_its_own_without_a_joint_optimisation_of_all(maps):
+    together = group_maps_of(
+        maps, [POSES], MergeConfig(), Progress(), jointly_refined(maps, POSES, MergeConfig(), Progress())
+    )
+    alone = group_maps_of(maps, [POSES], MergeConfig(), Progress())
+    np.testing.assert_array_equal(together[0].grid.masses, alone[0].grid.masses)
+    assert jointly_refined(maps, {"a": POSES["a"]}, MergeConfig(), Progress()) is None
+
+
+def test_a_group_of_one_map_without_drives_keeps_its_grid():
     whole = group_map({"c": SE2(3.0, 4.0, 1.0)})
     assert whole.grid is MAPS["c"].grid
     assert whole.T_common_map == SE2(3.0, 4.0, 1.0)
@@ -201,7 +241,7 @@ def test_groups_are_not_compared_if_one_is_too_large(caplog, monkeypatch):
     def none_left(*_):
         raise MemoryError
 
-    monkeypatch.setattr(merged_group, "merge_group", none_left)
+    monkeypatch.setattr(merged_group, "fuse", none_left)
     assert group_maps_of(MAPS, [GROUP_POSES, near], MergeConfig(), Progress()) == []
     assert caplog.messages[-1] == "a, b, c are not compared as groups: memory has run out"
 

@@ -1,4 +1,4 @@
-"""Bridges between groups of maps of small floors; two floors hold the same small room, by which maps of both align."""
+"""Bridges between maps of small floors. Two floors contain the same small room, so maps of both align there."""
 
 from dataclasses import replace
 
@@ -8,8 +8,9 @@ import pytest
 from datasets.synthetic.map_pairs import pairs as map_pairs
 from merging import MergeConfig, align, merge, merged_group
 from merging.alignment import Alignment, PoseHypothesis
+from merging.bridges import refutation
 from merging.bridges.bridge import bridges_of
-from merging.bridges.refutation import refute_bridge, without_refuted_bridges
+from merging.bridges.refutation import refute_bridges, without_refuted_bridges
 from merging.fusion import warp
 from merging.map_graph.grouping import groups_of
 from merging.merge_state import MergeState
@@ -58,13 +59,13 @@ def neighbours():
     return maps_of(1, 1)
 
 
-def stated(pair, confidence, motion=None, method="correlation", *, accepted=True):
+def alignment_at(pair, confidence, motion=None, method="correlation", *, accepted=True):
     """Return an alignment of a pair, at the truth where no motion is given."""
     motion = motion or POSES[pair[0]] @ POSES[pair[1]].inverse()
     return {tuple(pair): Alignment(method, accepted, "it fits", motion, agreed_wall_m=10.0, confidence=confidence)}
 
 
-SURE = stated("ab", 0.999, method="features") | stated("cd", 0.999, method="features")
+SURE = alignment_at("ab", 0.999, method="features") | alignment_at("cd", 0.999, method="features")
 """Alignments of maps of one floor. Bridges are aligned by correlation."""
 
 
@@ -73,7 +74,7 @@ def state_of(maps, alignments):
 
 
 def refuted(maps, alignments, confirmed=(), config=CONFIG):
-    return refute_bridge(state_of(maps, alignments), config, Progress(), confirmed)
+    return refute_bridges(state_of(maps, alignments), config, Progress(), confirmed)
 
 
 def sides_of(alignments):
@@ -107,22 +108,22 @@ def test_a_refuted_bridge_keeps_its_pose_and_has_a_reason(strangers):
 
 
 def test_a_true_bridge_is_kept_and_its_groups_are_not_aligned_again(neighbours):
-    alignments = SURE | stated("bc", 0.95)
+    alignments = SURE | alignment_at("bc", 0.95)
     nothing, fitting = refuted(neighbours, alignments)
     assert nothing == {}
     assert fitting == {frozenset({frozenset("ab"), frozenset("cd")})}
     assert refuted({}, alignments, confirmed=fitting) == ({}, set())
 
 
-def test_groups_that_fit_elsewhere_do_not_bear_a_bridge_out(neighbours):
+def test_groups_that_fit_elsewhere_do_not_confirm_a_bridge(neighbours):
     motion = POSES["b"] @ SE2(3.0, 0.0, 0.0) @ POSES["c"].inverse()
-    found, _ = refuted(neighbours, SURE | stated("bc", 0.95, motion))
+    found, _ = refuted(neighbours, SURE | alignment_at("bc", 0.95, motion))
     assert (found["b", "c"].accepted, found["b", "c"].confidence) == (False, 0.0)
 
 
-def test_groups_without_a_wall_in_common_do_not_bear_a_bridge_out(neighbours):
+def test_groups_without_a_wall_in_common_do_not_confirm_a_bridge(neighbours):
     lawn = seen(np.zeros((100, 100), dtype=np.int8), np.True_, SE2.identity())
-    found, _ = refuted(neighbours | {"c": lawn, "d": lawn}, SURE | stated("bc", 0.95))
+    found, _ = refuted(neighbours | {"c": lawn, "d": lawn}, SURE | alignment_at("bc", 0.95))
     assert (found["b", "c"].accepted, found["b", "c"].confidence) == (False, 0.0)
 
 
@@ -133,7 +134,7 @@ def test_a_true_alignment_of_a_deformed_map_is_confirmed_by_the_deformed_sides()
     found = align(part, bent)
     assert found.accepted
     assert found.bent_m > 0.0
-    alignments = stated("ab", 0.999, SE2.identity(), "features") | {("b", "c"): found}
+    alignments = alignment_at("ab", 0.999, SE2.identity(), "features") | {("b", "c"): found}
     nothing, fitting = refuted({"a": whole, "b": part, "c": bent}, alignments, config=MergeConfig())
     assert nothing == {}
     assert fitting == {frozenset({frozenset("ab"), frozenset("c")})}
@@ -159,24 +160,31 @@ def test_each_of_two_equally_good_poses_confirms_a_bridge(tile):
     none = SE2.identity()
     maps = {"a": seen(both, everywhere, none), "b": seen(both, lower, none), "c": seen(half, half > -1, none)}
     motion = SE2(tile * 160 * 0.05, 0.0, 0.0)
-    nothing, fitting = refuted(maps, stated("ab", 0.999, none, "features") | stated("bc", 0.95, motion))
+    nothing, fitting = refuted(maps, alignment_at("ab", 0.999, none, "features") | alignment_at("bc", 0.95, motion))
     assert nothing == {}
     assert fitting == {frozenset({frozenset("ab"), frozenset("c")})}
 
 
 def test_groups_too_large_to_be_one_map_do_not_refute_a_bridge(strangers, monkeypatch):
     monkeypatch.setattr(merged_group, "MAX_CELLS", 1000)
-    nothing, fitting = refuted(strangers, SURE | stated("bc", 0.95))
+    nothing, fitting = refuted(strangers, SURE | alignment_at("bc", 0.95))
     assert (nothing, len(fitting)) == ({}, 1)
 
 
-def test_the_most_doubtful_bridge_is_checked_first(strangers):
-    chain = stated("ab", 0.97) | stated("bc", 0.91) | stated("cd", 0.95)
+def test_the_most_doubtful_bridge_is_verified_first(strangers):
+    chain = alignment_at("ab", 0.97) | alignment_at("bc", 0.91) | alignment_at("cd", 0.95)
     found, fitting = refuted(strangers, chain)
     assert (list(found), fitting) == ([("b", "c")], set())
 
 
-AGREEING = [stated(pair, p, accepted=False) for pair, p in (("bc", 0.84), ("ad", 0.8), ("bd", 0.7), ("ac", 0.6))]
+def test_groups_are_verified_after_one_joint_optimisation(neighbours, monkeypatch):
+    asked = []
+    monkeypatch.setattr(refutation, "jointly_refined", lambda *args: asked.append(set(args[1])))
+    refuted(neighbours, alignment_at("ab", 0.91) | alignment_at("bc", 0.99) | alignment_at("cd", 0.92))
+    assert asked == [set("abcd")]
+
+
+AGREEING = [alignment_at(pair, p, accepted=False) for pair, p in (("bc", 0.84), ("ad", 0.8), ("bd", 0.7), ("ac", 0.6))]
 
 
 def test_refused_alignments_that_agree_are_a_bridge_as_well(strangers, neighbours):
@@ -208,12 +216,12 @@ def test_refuted_alternatives_are_unlikely_too(strangers):
 
 
 def test_every_alignment_of_a_chain_is_a_bridge_however_confident():
-    chain = stated("ab", 0.9999) | stated("bc", 0.9999) | stated("cd", 0.9999)
+    chain = alignment_at("ab", 0.9999) | alignment_at("bc", 0.9999) | alignment_at("cd", 0.9999)
     assert sides_of(chain) == {"ab": ("a", "bcd"), "bc": ("ab", "cd"), "cd": ("abc", "d")}
 
 
 def test_two_alignments_that_join_groups_of_several_maps_are_a_bridge(strangers, neighbours):
-    alignments = SURE | stated("bc", 0.95) | stated("ad", 0.97)
+    alignments = SURE | alignment_at("bc", 0.95) | alignment_at("ad", 0.97)
     assert sides_of(alignments) == {"ad": ("ab", "cd")}
     found, _ = refuted(strangers, alignments)
     assert [found[pair].accepted for pair in (("b", "c"), ("a", "d"))] == [False, False]
@@ -222,8 +230,8 @@ def test_two_alignments_that_join_groups_of_several_maps_are_a_bridge(strangers,
 
 
 def test_an_outvoted_alignment_of_the_sides_is_not_refused_with_the_bridge(strangers):
-    elsewhere = stated("ad", 0.95, POSES["a"] @ SE2(9.0, 0.0, 1.0) @ POSES["d"].inverse())
-    alignments = SURE | stated("bc", 0.99999) | elsewhere
+    elsewhere = alignment_at("ad", 0.95, POSES["a"] @ SE2(9.0, 0.0, 1.0) @ POSES["d"].inverse())
+    alignments = SURE | alignment_at("bc", 0.99999) | elsewhere
     (group,) = state_of(strangers, alignments).groups
     assert group.outvoted == (("a", "d"),)
     found, _ = refuted(strangers, alignments)
@@ -231,31 +239,39 @@ def test_an_outvoted_alignment_of_the_sides_is_not_refused_with_the_bridge(stran
 
 
 def test_bridges_of_other_pairs_are_not_verified_again(strangers):
-    state = state_of(strangers, SURE | stated("bc", 0.95))
-    assert refute_bridge(state, CONFIG, Progress(), among=[("a", "d")]) == ({}, set())
+    state = state_of(strangers, SURE | alignment_at("bc", 0.95))
+    assert refute_bridges(state, CONFIG, Progress(), among=[("a", "d")]) == ({}, set())
 
 
 def test_refused_alignments_put_maps_on_sides():
     # Without the alignment of a and b, the group falls into a, c, d and b; no accepted one joins d.
-    refused = [stated(pair, p, accepted=False) for pair, p in (("ad", 0.84), ("cd", 0.8), ("bd", 0.1))]
-    alignments = stated("ab", 0.95) | stated("ac", 0.999, method="features") | refused[0] | refused[1] | refused[2]
+    refused = [alignment_at(pair, p, accepted=False) for pair, p in (("ad", 0.84), ("cd", 0.8), ("bd", 0.1))]
+    alignments = (
+        alignment_at("ab", 0.95) | alignment_at("ac", 0.999, method="features") | refused[0] | refused[1] | refused[2]
+    )
     assert sides_of(alignments) == {"ab": ("acd", "b"), "ad": ("abc", "d")}
 
 
 @pytest.mark.parametrize(("confidence", "side"), [(0.001, "b"), (0.9, "ab")])
 def test_a_map_with_a_known_pose_is_on_a_side_only_if_walls_agree_there(confidence, side):
-    alignments = stated("ab", confidence, method="prior") | stated("bc", 0.95) | stated("cd", 0.999, method="features")
+    alignments = (
+        alignment_at("ab", confidence, method="prior")
+        | alignment_at("bc", 0.95)
+        | alignment_at("cd", 0.999, method="features")
+    )
     assert sides_of(alignments) == {"bc": (side, "cd")}
 
 
 @pytest.mark.parametrize(
     "alignments",
     [
-        SURE | stated("bc", 0.95) | stated("ad", 0.95) | stated("ac", 0.95),
-        stated("ab", 0.95) | stated("bc", 0.95) | stated("ac", 0.95),
-        stated("ab", 0.9),
-        SURE | stated("bc", 0.9, method="prior"),
-        stated("ab", 0.001, method="prior") | stated("bc", 0.95) | stated("ac", 0.001, method="prior"),
+        SURE | alignment_at("bc", 0.95) | alignment_at("ad", 0.95) | alignment_at("ac", 0.95),
+        alignment_at("ab", 0.95) | alignment_at("bc", 0.95) | alignment_at("ac", 0.95),
+        alignment_at("ab", 0.9),
+        SURE | alignment_at("bc", 0.9, method="prior"),
+        alignment_at("ab", 0.001, method="prior")
+        | alignment_at("bc", 0.95)
+        | alignment_at("ac", 0.001, method="prior"),
     ],
     ids=["three alignments", "three maps", "two maps only", "known pose", "two known poses"],
 )

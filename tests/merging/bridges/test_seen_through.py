@@ -40,7 +40,7 @@ def test_the_density_of_all_lengths_sums_to_one(kind, compared_m):
 def test_the_density_is_that_of_a_poisson_number_of_exponential_lengths():
     rng = np.random.default_rng(7)
     numbers = rng.poisson(AT_FALSE_POSES.per_m * 40.0, 200_000)
-    lengths = rng.gamma(np.maximum(numbers, 1), AT_FALSE_POSES.length_m) * (numbers > 0)
+    lengths = rng.gamma(np.maximum(numbers, 1), seen_through._LENGTH_M) * (numbers > 0)
     edges = np.arange(0.1, 5.0, 0.1)
     counted = np.histogram(lengths, edges)[0] / len(lengths) / 0.1
     middles = (edges[1:] + edges[:-1]) / 2.0
@@ -52,8 +52,9 @@ def test_the_density_is_that_of_a_poisson_number_of_exponential_lengths():
 def test_long_walls_that_nothing_sees_through_support_a_pose():
     ratios = [log_likelihood_ratio(seen(0.0, compared_m)) for compared_m in (0.0, 10.0, 50.0, 200.0)]
     assert ratios == sorted(ratios)
+    assert ratios[-1] == pytest.approx(math.log(1000.0))
     assert ratios[0] == pytest.approx(0.0, abs=0.01)
-    assert ratios[1] == pytest.approx(1.2, abs=0.05)
+    assert ratios[1] == pytest.approx(1.1, abs=0.02)
 
 
 def test_walls_seen_through_refute_a_pose_unless_the_compared_walls_are_long():
@@ -81,6 +82,11 @@ def test_another_pose_that_sees_through_walls_makes_a_pose_more_likely():
     here, elsewhere = confidences_of_groups(found, FLOOR, FLOOR, MergeConfig())
     assert here > 0.999
     assert elsewhere < 0.001
+
+
+def test_a_sure_prior_does_not_outweigh_a_wall_that_is_seen_through():
+    (confidence,) = confidences_of_groups(alignment_of(1.0, seen(4.0, 60.0)), FLOOR, FLOOR, MergeConfig())
+    assert confidence < 0.1
 
 
 def test_an_alignment_without_evidence_keeps_its_confidence():
