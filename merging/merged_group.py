@@ -1,6 +1,7 @@
 """Merges the maps of a group, whose relative poses are known: drives are optimised jointly, cells are fused."""
 
 import logging
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -132,19 +133,22 @@ def group_maps_of(
     config: MergeConfig,
     progress: Progress,
     joint: JointRefinement | None = None,
+    max_range: float = math.inf,
 ) -> list[GroupMap]:
     """Merge groups, given as T_common_map of their maps, to one map each; none if one of them is too large.
 
     `joint` is a joint optimisation of maps of all groups, see `jointly_refined`. Without it each group is optimised on
-    its own. The rule, the coverage and the reliabilities of the user are not applied. Grids are averaged: by the
-    disjunctive rule walls that differ by a cell become unknown, and a group of ten maps has hardly any wall.
+    its own. Maps with drives are rendered without hits beyond `max_range` [m]. The rule, the coverage and the
+    reliabilities of the user are not applied. Grids are averaged: by the disjunctive rule walls that differ by a cell
+    become unknown, and a group of ten maps has hardly any wall.
     """
     config = config.model_copy(update=_DEFAULT_FUSION)
     try:
         for group in groups:
             _check_extent(maps, group, config)
         return [
-            _group_map(maps, group, config, joint or jointly_refined(maps, group, config, progress)) for group in groups
+            _group_map(maps, group, config, joint or jointly_refined(maps, group, config, progress), max_range)
+            for group in groups
         ]
     except (CellSizeError, MemoryError) as error:
         names = ", ".join(name for group in groups for name in group)
@@ -163,18 +167,29 @@ def jointly_refined(
 
 
 def _group_map(
-    maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, joint: JointRefinement | None
+    maps: Mapping[str, TbmMap],
+    poses: Mapping[str, SE2],
+    config: MergeConfig,
+    joint: JointRefinement | None,
+    max_range: float,
 ) -> GroupMap:
     """Merge a group in the frame of its best known map, or in the common frame if this map was optimised jointly."""
     first = most_known_first(maps, poses)[0]
-    refined = {} if joint is None else {name: joint.maps[name].grid for name in poses if name in joint.maps}
+    refined = {} if joint is None else {name: joint.maps[name] for name in poses if name in joint.maps}
     T_common_first = SE2.identity() if first in refined else poses[first]
     T_first = T_common_first.inverse()
-    laid = {name: refined.get(name, maps[name].grid) for name in poses}
+    laid = {name: _rendered(refined.get(name, maps[name]), max_range) for name in poses}
     if len(laid) == 1:
         return GroupMap(laid[first], T_common_first)
     placed = {name: T_first if name in refined else T_first @ pose for name, pose in poses.items()}
     return GroupMap(_fused(laid, placed, laid[first].geometry, config, "average").grid, T_common_first)
+
+
+def _rendered(tbm_map: TbmMap, max_range: float) -> TbmGrid:
+    """Return the grid of a map, without hits beyond a range if it has drives."""
+    if math.isinf(max_range) or not tbm_map.drives:
+        return tbm_map.grid
+    return redraw([drive.keyframes for drive in tbm_map.drives], tbm_map, max_range)
 
 
 def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[str]:

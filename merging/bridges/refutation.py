@@ -11,22 +11,25 @@ group of two buildings; the alignment of both sides gives its bridge a confidenc
 """
 
 import logging
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from merging.alignment import Alignment, Pair
 from merging.bridges.bridge import Bridge, Sides, bridges_of
 from merging.bridges.seen_through import confidences_of_groups
 from merging.config import MergeConfig
-from merging.joint_slam import JointRefinement
 from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
-from merging.merged_group import group_maps_of, jointly_refined
+from merging.merged_group import GroupMap, group_maps_of, jointly_refined
 from merging.nonrigid.search import align_deformable
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Progress
 
 logger = logging.getLogger(__name__)
+
+_UNKNOWN = 1.0
+"""Confidence of a bridge whose groups are too large for one map, so that it cannot be verified."""
 
 
 def without_refuted_bridges(
@@ -69,7 +72,11 @@ def refute_bridges(
         with progress.during("verifying bridges"):
             joint = jointly_refined(found.maps, group.poses, config, progress)
             for bridge in sorted(bridges, key=lambda bridge: found.alignments[bridge.pair].confidence):
-                confidence = _confidence_of_sides(bridge, found.maps, joint, config, progress)
+                # The farther walls of maps that align by short ranges only are displaced, and would refute the bridge.
+                is_short = any(pair in found.evidence_grids for pair in bridge.pairs)
+                max_range = config.short_range.range_m if is_short else math.inf
+                groups = group_maps_of(found.maps, bridge.sides, config, progress, joint, max_range)
+                confidence = _confidence_of(groups, config) if groups else _UNKNOWN
                 if confidence < config.graph.min_whole:
                     alignments = _without(bridge, alignments, confidence, config)
                     break
@@ -112,21 +119,8 @@ def _refuted(
     return found if alternatives == found.alternatives else replace(found, alternatives=alternatives)
 
 
-def _confidence_of_sides(
-    bridge: Bridge,
-    maps: Mapping[str, TbmMap],
-    joint: JointRefinement | None,
-    config: MergeConfig,
-    progress: Progress,
-) -> float:
-    """Return the confidence of a bridge's pose in the alignment of both groups, each as one map; 0 without hypothesis.
-
-    `joint` is the joint optimisation of the whole group. It removes drift that would make true groups look different.
-    Groups that are too large for one map cannot be verified and give 1.
-    """
-    groups = group_maps_of(maps, bridge.sides, config, progress, joint)
-    if not groups:
-        return 1.0
+def _confidence_of(groups: Sequence[GroupMap], config: MergeConfig) -> float:
+    """Return the confidence of the relative pose of two groups in their alignment, each as one map."""
     grids = TbmMap(groups[0].grid), TbmMap(groups[1].grid)
     found = align_deformable(*grids, config)
     expected = groups[0].T_common_map.inverse() @ groups[1].T_common_map

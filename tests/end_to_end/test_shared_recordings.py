@@ -10,6 +10,7 @@ import pytest
 import merging
 from datasets import open_recording
 from datasets.options import RecordingOptions
+from merging.bridges import refutation
 from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_errors import align_trajectories
@@ -101,12 +102,24 @@ def test_two_robots_from_one_real_drive(shared_data, tmp_path):
 
 
 @pytest.mark.parametrize(("is_joint", "merged"), [(True, 5), (False, 2)])
-def test_bent_drives_merge_only_if_bridges_are_verified_after_a_joint_optimisation(shared_data, tmp_path, monkeypatch, is_joint, merged):
+def test_bent_drives_merge_only_if_bridges_are_verified_after_a_joint_optimisation(
+    shared_data, tmp_path, monkeypatch, is_joint, merged
+):
     maps = build(tmp_path / "maps", shared_data / "aces" / "aces.bag", *ONE_DEGREE, "--robots", 5)
     if not is_joint:
         monkeypatch.setattr("merging.bridges.refutation.jointly_refined", lambda *_: None)
         monkeypatch.setattr("merging.merged_group.jointly_refined", lambda *_: None)
     parts = {folder.name: load_map(folder) for folder in map_folders(maps)}
+    assert len(merging.merge(parts).poses) == merged
+
+
+@pytest.mark.parametrize(("is_short", "merged"), [(True, 3), (False, 2)])
+def test_bridges_of_short_ranges_are_verified_by_short_ranges(shared_data, tmp_path, monkeypatch, is_short, merged):
+    maps = build(tmp_path / "maps", shared_data / "fr-clinic" / "fr-clinic.bag", "--robots", 6)
+    if not is_short:
+        in_full = refutation.group_maps_of
+        monkeypatch.setattr(refutation, "group_maps_of", lambda *args: in_full(*args[:5]))
+    parts = {folder.name: load_map(folder) for folder in map_folders(maps)[2:5]}
     assert len(merging.merge(parts).poses) == merged
 
 
