@@ -1,8 +1,8 @@
 """Bridges of the map graph: one or two alignments that join two groups.
 
 Two alignments between the same groups are no independent evidence, since the maps of a group show the same rooms. So
-they are a bridge as well if each of the groups has several maps. Without this, two of 30 simulated buildings became one
-group. Refused alignments that agree are a bridge, too.
+they are a bridge as well if each of the groups has several maps. Without this, two of 30 simulated buildings become one
+group in two of three fleets. Refused alignments that agree are a bridge, too.
 """
 
 from collections.abc import Mapping, Sequence

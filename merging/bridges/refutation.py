@@ -1,13 +1,15 @@
 """Verification of the bridges of the map graph.
 
 A few walls of two maps may agree by chance. If two buildings have similar rooms, several refused alignments agree with
-a wrong pose. So each bridge is verified by an alignment of both groups, each as one map of all its walls. A confident
-bridge is verified too: of the 45,000 pairs of 300 maps, six of different buildings were accepted, one with a confidence
-above 0.999. One of the groups may be deformed, since drives bend maps. The merged map of a group has walls that single
-maps lack, so walls seen through count more than between single maps (`merging.bridges.seen_through`).
+a wrong pose. So each bridge is verified by an alignment of both groups, each as one map. A confident bridge is verified
+too: of the 45,000 pairs of 300 maps, six of different buildings were accepted, one with a confidence above 0.999.
+
+Drives bend maps. So the drives of the whole group are optimised jointly first, and one side may be deformed. The merged
+map of a group has walls that single maps lack, so walls seen through count more than between single maps
+(`merging.bridges.seen_through`).
 
 Refused alignments that agree are verified too. Otherwise 12 of 120 simulated maps of 20 buildings would become one
-group of two buildings; the alignment of both sides gives its bridge a confidence of 0.
+group of two buildings.
 """
 
 import logging
