@@ -178,14 +178,14 @@ def _group_map(
     refined = {} if joint is None else {name: joint.maps[name] for name in poses if name in joint.maps}
     T_common_first = SE2.identity() if first in refined else poses[first]
     T_first = T_common_first.inverse()
-    laid = {name: _rendered(refined.get(name, maps[name]), max_range) for name in poses}
+    laid = {name: grid_within(refined.get(name, maps[name]), max_range) for name in poses}
     if len(laid) == 1:
         return GroupMap(laid[first], T_common_first)
     placed = {name: T_first if name in refined else T_first @ pose for name, pose in poses.items()}
     return GroupMap(_fused(laid, placed, laid[first].geometry, config, "average").grid, T_common_first)
 
 
-def _rendered(tbm_map: TbmMap, max_range: float) -> TbmGrid:
+def grid_within(tbm_map: TbmMap, max_range: float) -> TbmGrid:
     """Return the grid of a map, without hits beyond a range if it has drives."""
     if math.isinf(max_range) or not tbm_map.drives:
         return tbm_map.grid

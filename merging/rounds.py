@@ -28,8 +28,8 @@ from scipy.spatial.distance import cdist
 
 from merging.alignment import Pair
 from merging.config import MergeConfig
-from merging.joint_slam import redraw
 from merging.merge_state import MergeState
+from merging.merged_group import grid_within
 from merging.pairwise import CompressedGrid, align_all
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import FloatArray
@@ -244,4 +244,4 @@ def with_short_range_alignments(found: MergeState, config: MergeConfig, executor
 
 def short_range_map(tbm_map: TbmMap, range_m: float) -> TbmMap:
     """Return a map's cells, rendered without the hits beyond a range [m]."""
-    return TbmMap(redraw([drive.keyframes for drive in tbm_map.drives], tbm_map, range_m))
+    return TbmMap(grid_within(tbm_map, range_m))
