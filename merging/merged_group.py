@@ -135,35 +135,38 @@ def group_maps_of(
     joint: JointRefinement | None = None,
     max_range: float = math.inf,
 ) -> list[GroupMap]:
-    """Merge groups, given as T_common_map of their maps, to one map each; none if one of them is too large.
+    """Merge groups, given as T_common_map of their maps, to one map each.
 
     `joint` is a joint optimisation of maps of all groups, see `jointly_refined`. Without it each group is optimised on
     its own. Maps with drives are rendered without hits beyond `max_range` [m]. The rule, the coverage and the
     reliabilities of the user are not applied. Grids are averaged: by the disjunctive rule walls that differ by a cell
-    become unknown, and a group of ten maps has hardly any wall.
+    become unknown, and a group of ten maps has hardly any wall. Raises a `CellSizeError` if a group is too large.
     """
     config = config.model_copy(update=_DEFAULT_FUSION)
-    try:
-        for group in groups:
-            _check_extent(maps, group, config)
-        return [
-            _group_map(maps, group, config, joint or jointly_refined(maps, group, config, progress), max_range)
-            for group in groups
-        ]
-    except (CellSizeError, MemoryError) as error:
-        names = ", ".join(name for group in groups for name in group)
-        why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
-        logger.warning("%s are not compared as groups: %s", names, why)
-        return []
+    for group in groups:
+        _check_extent(maps, group, config)
+    return [
+        _group_map(maps, group, config, joint or jointly_refined(maps, group, config, progress), max_range)
+        for group in groups
+    ]
 
 
 def jointly_refined(
     maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, progress: Progress
 ) -> JointRefinement | None:
-    """Optimise the drives of a group, given as T_common_map, jointly; None with fewer than two drives or closures."""
+    """Optimise the drives of a group, given as T_common_map, jointly.
+
+    Returns None for fewer than two drives or too few closures, or if memory runs out.
+    """
     ordered = most_known_first(maps, poses)
     driven = {name: poses[name] for name in ordered if maps[name].drives}
-    return refine_jointly(maps, driven, config.joint, progress) if len(driven) > 1 else None
+    if len(driven) < 2:
+        return None
+    try:
+        return refine_jointly(maps, driven, config.joint, progress)
+    except MemoryError:
+        logger.warning("%s are not optimised jointly before they are compared: memory has run out", ", ".join(driven))
+        return None
 
 
 def _group_map(

@@ -21,6 +21,7 @@ from merging.alignment import Alignment, Pair
 from merging.bridges.bridge import Bridge, Sides, bridges_of
 from merging.bridges.seen_through import confidences_of_groups
 from merging.config import MergeConfig
+from merging.fusion import CellSizeError
 from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.merged_group import GroupMap, group_maps_of, jointly_refined
@@ -31,7 +32,7 @@ from tbmslam.parallel.executor import Progress
 logger = logging.getLogger(__name__)
 
 _UNKNOWN = 1.0
-"""Confidence of a bridge whose groups are too large for one map, so that it cannot be verified."""
+"""Confidence of a bridge that cannot be verified, as its groups are too large for one map or for the memory."""
 
 
 def without_refuted_bridges(
@@ -77,8 +78,13 @@ def refute_bridges(
                 # The farther walls of maps that align by short ranges only are displaced, and would refute the bridge.
                 is_short = any(pair in found.evidence_grids for pair in bridge.pairs)
                 max_range = config.short_range.range_m if is_short else math.inf
-                groups = group_maps_of(found.maps, bridge.sides, config, progress, joint, max_range)
-                confidence = _confidence_of(groups, config) if groups else _UNKNOWN
+                try:
+                    groups = group_maps_of(found.maps, bridge.sides, config, progress, joint, max_range)
+                    confidence = _confidence_of(groups, config)
+                except (CellSizeError, MemoryError) as error:
+                    why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
+                    logger.warning("the groups of %s and %s are not compared: %s", *bridge.pair, why)
+                    confidence = _UNKNOWN
                 if confidence < config.graph.min_whole:
                     alignments = _without(bridge, alignments, confidence, config)
                     break

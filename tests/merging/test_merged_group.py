@@ -8,7 +8,7 @@ from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.laser import SimulatedLaser
 from merging import merged_group
 from merging.config import MergeConfig
-from merging.fusion import fuse, warp
+from merging.fusion import CellSizeError, fuse, warp
 from merging.joint_slam import redraw
 from merging.map_graph.grouping import Group
 from merging.merged_group import group_maps_of, jointly_refined, merge_group, most_known_first
@@ -227,23 +227,22 @@ def test_what_the_merged_map_shall_hold_does_not_change_what_the_maps_know(wante
     np.testing.assert_array_equal(asked.grid.masses, plain.grid.masses)
 
 
-def test_groups_are_not_compared_if_one_is_too_large(caplog, monkeypatch):
-    far = {"a": SE2.identity(), "b": SE2(3000.0, 3000.0, 0.0)}
-    near = {"c": SE2.identity()}
-    assert group_maps_of(MAPS, [far, near], MergeConfig(merged_resolution=1.0), Progress()) == []
-    why = (
-        "a, b, c are not compared as groups: 3001 x 3001 m in cells of 0.1 m would be 9e+08 cells, more than the 4e+08"
-    )
-    assert caplog.messages == [f"{why} that are possible"]
+def test_a_group_of_too_many_cells_is_not_merged():
+    far, near = {"a": SE2.identity(), "b": SE2(3000.0, 3000.0, 0.0)}, {"c": SE2.identity()}
+    with pytest.raises(CellSizeError, match=r"3001 x 3001 m in cells of 0\.1 m would be"):
+        group_maps_of(MAPS, [far, near], MergeConfig(merged_resolution=1.0), Progress())
     fine = MergeConfig(resolution=0.01)  # the groups would be compared in these cells
-    assert group_maps_of(MAPS, [{**far, "b": SE2(500.0, 500.0, 0.0)}, near], fine, Progress()) == []
+    with pytest.raises(CellSizeError):
+        group_maps_of(MAPS, [{**far, "b": SE2(500.0, 500.0, 0.0)}, near], fine, Progress())
 
+
+def test_groups_are_compared_without_joint_optimisation_if_memory_runs_out(caplog, monkeypatch, maps):
     def none_left(*_):
         raise MemoryError
 
-    monkeypatch.setattr(merged_group, "fuse", none_left)
-    assert group_maps_of(MAPS, [GROUP_POSES, near], MergeConfig(), Progress()) == []
-    assert caplog.messages[-1] == "a, b, c are not compared as groups: memory has run out"
+    monkeypatch.setattr(merged_group, "refine_jointly", none_left)
+    assert jointly_refined(maps, POSES, MergeConfig(), Progress()) is None
+    assert caplog.messages == ["b, a are not optimised jointly before they are compared: memory has run out"]
 
 
 def test_the_largest_map_is_chosen_by_area_and_not_by_cells():

@@ -85,8 +85,8 @@ def one_line(error: Exception) -> str:
 DONE, FAILED, WRONG_USAGE = 0, 1, 2
 _NO_ROOM = "failed to map segment"  # the system's message if memory is too small to load a library
 _THRESHOLDS = 50_000, 20, 50
-"""How rarely Python collects garbage, see `gc.set_threshold`. Compilation and mapping create many objects that stay, and
-hardly any cycles of objects: with Python's 700, 10, 10 the first map takes 7 % longer, and a later one 3 %."""
+"""How rarely Python collects garbage, see `gc.set_threshold`. Compilation creates millions of objects that stay: with
+Python's 700, 10, 10 the first map takes 7 % longer, and a later one 3 %."""
 
 
 def run_program(

@@ -165,10 +165,21 @@ def test_each_of_two_equally_good_poses_confirms_a_bridge(tile):
     assert fitting == {frozenset({frozenset("ab"), frozenset("c")})}
 
 
-def test_groups_too_large_to_be_one_map_do_not_refute_a_bridge(strangers, monkeypatch):
+def test_groups_too_large_to_be_one_map_do_not_refute_a_bridge(strangers, monkeypatch, caplog):
     monkeypatch.setattr(merged_group, "MAX_CELLS", 1000)
     nothing, fitting = refuted(strangers, SURE | alignment_at("bc", 0.95))
     assert (nothing, len(fitting)) == ({}, 1)
+    assert "cells, more than the 1e+03 that are possible" in caplog.messages[-1]
+
+
+def test_a_bridge_is_not_refuted_if_memory_runs_out(strangers, monkeypatch, caplog):
+    def none_left(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(refutation, "align_deformable", none_left)
+    nothing, fitting = refuted(strangers, SURE | alignment_at("bc", 0.95))
+    assert (nothing, len(fitting)) == ({}, 1)
+    assert caplog.messages == ["the groups of b and c are not compared: memory has run out"]
 
 
 def test_the_most_doubtful_bridge_is_verified_first(strangers):

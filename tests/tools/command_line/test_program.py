@@ -286,6 +286,13 @@ def test_where_nothing_is_loaded_garbage_is_found_as_ever():
     assert (gc.get_freeze_count(), gc.isenabled()) == (before, True)
 
 
+def test_a_program_collects_garbage_rarely():
+    before, within = gc.get_threshold(), []
+    assert run_program("merge", lambda: within.append(gc.get_threshold())) == 0
+    assert within[0][0] > before[0]
+    assert gc.get_threshold() == before
+
+
 def test_a_module_that_fails_leaves_all_as_it_was():
     with pytest.raises(ModuleNotFoundError), loading():
         __import__("there_is_no_such_module")
