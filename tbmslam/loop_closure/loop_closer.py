@@ -60,7 +60,7 @@ class LoopClosingConfig(FrozenConfig):
     reach: float = Field(4.0, gt=0, description="largest distance of a keyframe from the path of a submap [m]")
     bundle: float = Field(1.5, ge=0, description="path before and after a keyframe whose hits form a bundle [m]")
     step: float = Field(1.0, gt=0, description="travelled length between keyframes that are searched for [m]")
-    submaps_per_step: int = Field(2, ge=1, description="nearest old submaps that are searched each time")
+    submaps_per_step: int = Field(2, ge=1, description="nearest old submaps to search until one of them is verified")
     familiar: float = Field(
         0.75, gt=0, le=1, description="share of a submap, found in older submaps, from which on it is no target"
     )
@@ -182,10 +182,11 @@ class _Drive:
             near = self._targets.near(keyframe, self.graph.poses, 0.5)
             for target in near.targets[: self.config.submaps_per_step].tolist():
                 if self.graph.has_met(keyframe, target):
-                    continue
+                    break
                 fit = self._fit(keyframe, target, 0.0, 0.0)
                 if fit is not None:
                     self.graph.add([fit])
+                    break
         self.graph.optimise()
 
     def _stops(self) -> IntArray:
@@ -212,13 +213,13 @@ class _Drive:
 
     def _found(self, keyframe: int) -> list[PlacedBundle]:
         """Return the poses of a keyframe's bundle; poses of wide searches only if several along the drive agree."""
-        fits, votes = [], []
+        fits, votes = list[PlacedBundle](), list[PlacedBundle]()
         for target, shift, turn in self._candidates(keyframe):
             if shift > self.config.votes.beyond or turn > self.config.max_turn:
                 votes += self._votes_for(keyframe, target, shift, turn)
-            else:
-                fits.append(self._fit(keyframe, target, shift, turn))
-        return [fit for fit in fits if fit is not None] + self._elected(self._near_election, votes)
+            elif not fits and (fit := self._fit(keyframe, target, shift, turn)) is not None:
+                fits.append(fit)
+        return fits + self._elected(self._near_election, votes)
 
     def _elected(self, election: _Election, votes: list[PlacedBundle]) -> list[PlacedBundle]:
         """Add votes; return those that agree, if they outweigh all others and the drive's motions allow them."""
