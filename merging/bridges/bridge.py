@@ -15,6 +15,8 @@ from tbmslam.geometry.se2 import SE2
 
 Sides = frozenset[frozenset[str]]
 """The maps on either side of a bridge."""
+IDLE = 0.5
+"""Refused alignments up to this confidence join no groups on their own: the log odds of their pose are not positive."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,7 @@ def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: Merge
     accepted = [pair for pair in group.used if alignments[pair].accepted]
     for pair in sorted(group.used, key=lambda pair: _certainty(alignments[pair]), reverse=True):
         found = alignments[pair]
-        # Such an alignment joins nothing, like a refuted one.
-        idle = not found.accepted and found.confidence < config.graph.min_whole
+        idle = not found.accepted and found.confidence <= IDLE
         if found.method != "correlation" or idle or len(group) <= 2:
             continue
         for removed in ([pair], *([pair, second] for second in _seconds(pair, accepted, alignments))):

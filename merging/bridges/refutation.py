@@ -18,7 +18,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from merging.alignment import Alignment, Pair
-from merging.bridges.bridge import Bridge, Sides, bridges_of
+from merging.bridges.bridge import IDLE, Bridge, Sides, bridges_of
 from merging.bridges.seen_through import confidences_of_groups
 from merging.config import MergeConfig
 from merging.fusion import CellSizeError
@@ -85,7 +85,7 @@ def refute_bridges(
                     why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
                     logger.warning("the groups of %s and %s are not compared: %s", *bridge.pair, why)
                     confidence = _UNKNOWN
-                if confidence < config.graph.min_whole:
+                if confidence < config.verification.min_confidence:
                     alignments = _without(bridge, alignments, confidence, config)
                     break
                 fitting.add(bridge.names)
@@ -95,10 +95,11 @@ def refute_bridges(
 def _without(
     bridge: Bridge, alignments: Mapping[Pair, Alignment], confidence: float, config: MergeConfig
 ) -> dict[Pair, Alignment]:
-    """Return alignments of which those at the pose of a bridge are refused and have its confidence at most."""
+    """Return alignments of which those at the pose of a bridge are refused and join nothing on their own."""
     numbers = " and ".join(str(len(side)) for side in bridge.sides)
     why = f"the groups of {numbers} maps that it joins do not match as wholes (confidence {confidence:.2f})"
     logger.info("%s in %s: refused: %s", *bridge.pair[::-1], why)
+    confidence = min(confidence, IDLE)
     refuted = {pair: _refuted(each, pair, bridge, confidence, why, config) for pair, each in alignments.items()}
     for pair in bridge.pairs:
         reason = f"{why}: {alignments[pair].reason}"

@@ -11,8 +11,10 @@ Introduction to Probability Theory and Its Applications", vol. 2, II.4)::
 with r stretches per metre of a mean length m, and the modified Bessel function I1. As in `Evidence`, s and L are means
 of both directions of the comparison.
 
-The confidence of two single maps is the prior probability. It knows s too, but the weight that single maps give to s
-is small. So a pose that sees through walls becomes rather too unlikely.
+The confidence of two single maps is the prior probability. It knows s too, so part of this evidence is counted twice:
+a logistic regression on 242 true and 1097 false pairs of groups gives the log ratio a quarter of the weight of the
+prior's log odds. Therefore a ratio in favour of a pose counts half. A ratio against it counts fully: a false merge is
+worse than a map that is left out.
 """
 
 import math
@@ -35,8 +37,9 @@ _LENGTH_M = 0.35
 of real and simulated maps."""
 _NOTHING_M = 0.03
 """Shorter lengths count as zero: a cell of 5 cm, seen through in one direction."""
-_MOST = math.log(1000.0)
-"""Largest log ratio in favour of a pose; 1300 pairs of groups do not support more."""
+_IN_FAVOUR, _MOST = 0.5, math.log(1000.0)
+"""Weight of a log ratio in favour of a pose, and its largest weighted value; 1300 pairs of groups do not support more.
+With the weight 1, two of 500 simulated sets of six maps become one group of two places more."""
 _SURE = 0.999
 """Largest prior probability."""
 _LEAST = 1e-6
@@ -67,10 +70,11 @@ AT_FALSE_POSES = Stretches(0.11)
 above 0.01. On 30 pairs of groups of real maps it is 0.16."""
 
 
-def log_likelihood_ratio(evidence: Evidence) -> float:
-    """Return the log of how much likelier the walls seen through are at a true pose than at a false one."""
+def weighted_log_ratio(evidence: Evidence) -> float:
+    """Return the log of how much likelier the walls seen through are at a true pose than at a false one, weighted."""
     found = evidence.seen_through_m, evidence.compared_wall_m
-    return min(AT_TRUE_POSES.log_density(*found) - AT_FALSE_POSES.log_density(*found), _MOST)
+    ratio = AT_TRUE_POSES.log_density(*found) - AT_FALSE_POSES.log_density(*found)
+    return min(_IN_FAVOUR * ratio, _MOST) if ratio > 0.0 else ratio
 
 
 def confidences_of_groups(found: Alignment, target: TbmMap, source: TbmMap, config: MergeConfig) -> FloatArray:
@@ -80,7 +84,7 @@ def confidences_of_groups(found: Alignment, target: TbmMap, source: TbmMap, conf
     if found.evidence is None:
         return prior
     others = _examined(target, source, [hypothesis.T_target_source for hypothesis in found.alternatives], config)
-    ratios = np.array([log_likelihood_ratio(each) for each in (found.evidence, *others)])
+    ratios = np.array([weighted_log_ratio(each) for each in (found.evidence, *others)])
     none = max(1.0 - float(prior.sum()), 1.0 - _SURE)
     logits = np.append(np.log(np.maximum(prior, _LEAST)) + ratios, math.log(none))
     shares = np.exp(logits - logits.max())

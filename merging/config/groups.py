@@ -23,10 +23,6 @@ class GraphConfig(FrozenConfig):
         0.4, ge=1e-9, le=1, description="probability that wrong poses of two pairs agree; see `support_of`"
     )
     min_support: float = Field(2.19, description="least log odds at which maps are joined")
-    # A bridge joins two groups by one or two accepted alignments, or by refused ones; see `merging.bridges.bridge`.
-    # Of 1100 pairs of groups of different buildings none has more than 0.28, of 290 true pairs none less than 0.7. Two
-    # places that fit equally have 0.45 each.
-    min_whole: Share = Field(0.3, description="least confidence of a bridge by the groups as wholes")
     deviation_m: Metres = Field(0.05, description="standard deviation of an alignment without a covariance [m]")
     deviation_rad: float = Field(0.005, gt=0, description="standard deviation of its rotation [rad]")
     robust_width: float = Field(3.0, gt=0, description="deviations from which an alignment loses weight")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.map_pairs import pairs as map_pairs
-from merging import MergeConfig, align, merge, merged_group
+from merging import MergeConfig, align, merge, merged_group, merger
 from merging.alignment import Alignment, PoseHypothesis
 from merging.bridges import refutation
-from merging.bridges.bridge import bridges_of
+from merging.bridges.bridge import IDLE, bridges_of
 from merging.bridges.refutation import refute_bridges, without_refuted_bridges
 from merging.fusion import warp
 from merging.map_graph.grouping import groups_of
@@ -24,7 +24,6 @@ from tools.benchmarks.strangers import building_of
 from tools.map_pairs.placed_maps import maps_by_name
 
 CONFIG = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
-WITHOUT_CHECK = MergeConfig.model_validate({"nonrigid": {"enabled": False}, "graph": {"min_whole": 0.0}})
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
 """T_map_floor of every map."""
 ROOM = np.s_[95:135, 135:185]
@@ -84,8 +83,15 @@ def sides_of(alignments):
     return {"".join(bridge.pair): tuple("".join(sorted(side)) for side in bridge.sides) for bridge in found}
 
 
-def test_two_buildings_that_share_a_room_are_one_only_without_the_check(strangers):
-    joined = merge(strangers, WITHOUT_CHECK)
+def switch_off(monkeypatch):
+    """Verify no bridges in a merge."""
+    monkeypatch.setattr(merger, "without_refuted_bridges", lambda found, *_: found)
+
+
+def test_two_buildings_that_share_a_room_are_one_only_without_the_check(strangers, monkeypatch):
+    with monkeypatch.context() as ablated:
+        switch_off(ablated)
+        joined = merge(strangers, CONFIG)
     assert joined.alignments["b", "c"].accepted
     assert list(joined.poses) == ["a", "b", "c", "d"]
     parted = merge(strangers, CONFIG)
@@ -101,7 +107,7 @@ def test_a_refuted_bridge_keeps_its_pose_and_has_a_reason(strangers):
     found, fitting = refuted(strangers, aligned)
     refusal = found["b", "c"]
     assert (refusal.accepted, refusal.T_target_source) == (False, before.T_target_source)
-    assert refusal.confidence < CONFIG.graph.min_whole
+    assert refusal.confidence <= IDLE
     assert refusal.reason.startswith("the groups of 2 and 2 maps that it joins")
     assert refusal.reason.endswith(before.reason)
     assert fitting == set()
@@ -141,17 +147,19 @@ def test_a_true_alignment_of_a_deformed_map_is_confirmed_by_the_deformed_sides()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("config", "buildings"), [({}, {1}), ({"graph": {"min_whole": 0.0}}, {1, 4})])
-def test_two_buildings_that_a_deformed_map_fits_are_one_only_without_the_check(config, buildings):
+@pytest.mark.parametrize(("verified", "buildings"), [(True, {1}), (False, {1, 4})])
+def test_two_buildings_that_a_deformed_map_fits_are_one_only_without_the_check(monkeypatch, verified, buildings):
     rng = np.random.default_rng([2812, 30, 10])
     fleet = [list(map_pairs.maps_of(building_of(281_200_000 + index, rng), 10, rng)) for index in range(5)]
     placed = {f"{index}-{number}": fleet[index][number] for index, number in ((1, 4), (1, 0), (4, 8), (4, 0))}
-    found = merge(maps_by_name(placed), MergeConfig.model_validate(config))
+    if not verified:
+        switch_off(monkeypatch)
+    found = merge(maps_by_name(placed))
     assert {int(name[0]) for name in found.poses} == buildings
 
 
 @pytest.mark.parametrize("tile", [0, 1])
-def test_each_of_two_equally_good_poses_confirms_a_bridge(tile):
+def test_a_bridge_of_groups_that_fit_elsewhere_as_well_is_refuted(tile):
     """A corridor of two equal halves: a map of one half fits both."""
     half = draw_rooms(3, 160, 160)
     both = np.hstack((half, half))
@@ -160,9 +168,9 @@ def test_each_of_two_equally_good_poses_confirms_a_bridge(tile):
     none = SE2.identity()
     maps = {"a": seen(both, everywhere, none), "b": seen(both, lower, none), "c": seen(half, half > -1, none)}
     motion = SE2(tile * 160 * 0.05, 0.0, 0.0)
-    nothing, fitting = refuted(maps, alignment_at("ab", 0.999, none, "features") | alignment_at("bc", 0.95, motion))
-    assert nothing == {}
-    assert fitting == {frozenset({frozenset("ab"), frozenset("c")})}
+    found, _ = refuted(maps, alignment_at("ab", 0.999, none, "features") | alignment_at("bc", 0.95, motion))
+    assert not found["b", "c"].accepted
+    assert found["b", "c"].confidence == pytest.approx(0.45, abs=0.06)
 
 
 def test_groups_too_large_to_be_one_map_do_not_refute_a_bridge(strangers, monkeypatch, caplog):
@@ -204,7 +212,7 @@ def test_refused_alignments_that_agree_are_a_bridge_as_well(strangers, neighbour
     assert sides_of(alignments) == {"bc": ("ab", "cd")}
     found, _ = refuted(strangers, alignments)
     assert found.keys() == alignments.keys() - SURE.keys()
-    assert all(one.confidence < CONFIG.graph.min_whole for one in found.values())
+    assert all(one.confidence <= IDLE for one in found.values())
     assert [len(group) for group in state_of(strangers, alignments | found).groups] == [2, 2]
     assert refuted(neighbours, alignments)[0] == {}
 
@@ -213,7 +221,7 @@ def test_a_refuted_bridge_of_a_group_that_stays_is_not_checked_again(strangers):
     alignments = SURE | AGREEING[0] | AGREEING[1]
     (group,) = state_of(strangers, alignments).groups
     found = without_refuted_bridges(MergeState.of(strangers, alignments, lambda _: [group]), CONFIG, Progress())
-    assert found.alignments["b", "c"].confidence < CONFIG.graph.min_whole
+    assert found.alignments["b", "c"].confidence <= IDLE
 
 
 def test_refuted_alternatives_are_unlikely_too(strangers):
@@ -223,7 +231,7 @@ def test_refuted_alternatives_are_unlikely_too(strangers):
     other = {("a", "d"): replace(second, T_target_source=elsewhere, confidence=0.1, alternatives=(alternative,))}
     found, _ = refuted(strangers, SURE | AGREEING[0] | AGREEING[2] | AGREEING[3] | other)
     assert (found["a", "d"].confidence, found["a", "d"].T_target_source) == (0.1, elsewhere)
-    assert found["a", "d"].alternatives[0].confidence < CONFIG.graph.min_whole
+    assert found["a", "d"].alternatives[0].confidence <= IDLE
 
 
 def test_every_alignment_of_a_chain_is_a_bridge_however_confident():
