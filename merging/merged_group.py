@@ -154,19 +154,10 @@ def group_maps_of(
 def jointly_refined(
     maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig, progress: Progress
 ) -> JointRefinement | None:
-    """Optimise the drives of a group, given as T_common_map, jointly.
-
-    Returns None for fewer than two drives or too few closures, or if memory runs out.
-    """
+    """Optimise the drives of a group, given as T_common_map, jointly; None with fewer than two drives or closures."""
     ordered = most_known_first(maps, poses)
     driven = {name: poses[name] for name in ordered if maps[name].drives}
-    if len(driven) < 2:
-        return None
-    try:
-        return refine_jointly(maps, driven, config.joint, progress)
-    except MemoryError:
-        logger.warning("%s are not optimised jointly before they are compared: memory has run out", ", ".join(driven))
-        return None
+    return refine_jointly(maps, driven, config.joint, progress) if len(driven) > 1 else None
 
 
 def _group_map(

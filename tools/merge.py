@@ -169,7 +169,7 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
         "--scheduler", metavar="ADDRESS", help="Dask scheduler that aligns the pairs, e.g. tcp://10.0.0.1:8786"
     )
     finding.add_argument(
-        "--rigid", action="store_true", help="only rigid transforms: no deformed maps and no joint optimisation"
+        "--rigid", action="store_true", help="merge rigid maps: deform no map, and optimise no drives jointly"
     )
 
 

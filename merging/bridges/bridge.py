@@ -15,8 +15,9 @@ from tbmslam.geometry.se2 import SE2
 
 Sides = frozenset[frozenset[str]]
 """The maps on either side of a bridge."""
-IDLE = 0.5
-"""Refused alignments up to this confidence join no groups on their own: the log odds of their pose are not positive."""
+IDLE = 0.3
+"""Refused alignments up to this confidence join no groups: together they give log odds of 0.1 at most, and a link
+needs 2.19 (`GraphConfig.min_support`)."""
 
 
 @dataclass(frozen=True)

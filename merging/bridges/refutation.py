@@ -14,17 +14,19 @@ group of two buildings.
 
 import logging
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from merging.alignment import Alignment, Pair
+from merging.alignment import Alignment, Pair, format_confidence
 from merging.bridges.bridge import IDLE, Bridge, Sides, bridges_of
 from merging.bridges.seen_through import confidences_of_groups
 from merging.config import MergeConfig
 from merging.fusion import CellSizeError
+from merging.joint_slam import JointRefinement
+from merging.map_graph.grouping import Group
 from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
-from merging.merged_group import GroupMap, group_maps_of, jointly_refined
+from merging.merged_group import group_maps_of, jointly_refined
 from merging.nonrigid.search import align_deformable
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Progress
@@ -73,18 +75,7 @@ def refute_bridges(
         if not bridges:
             continue
         with progress.during("verifying bridges"):
-            joint = jointly_refined(found.maps, group.poses, config, progress)
-            for bridge in sorted(bridges, key=lambda bridge: found.alignments[bridge.pair].confidence):
-                # The farther walls of maps that align by short ranges only are displaced, and would refute the bridge.
-                is_short = any(pair in found.evidence_grids for pair in bridge.pairs)
-                max_range = config.short_range.range_m if is_short else math.inf
-                try:
-                    groups = group_maps_of(found.maps, bridge.sides, config, progress, joint, max_range)
-                    confidence = _confidence_of(groups, config)
-                except (CellSizeError, MemoryError) as error:
-                    why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
-                    logger.warning("the groups of %s and %s are not compared: %s", *bridge.pair, why)
-                    confidence = _UNKNOWN
+            for bridge, confidence in _confidences_of(bridges, group, found, config, progress):
                 if confidence < config.verification.min_confidence:
                     alignments = _without(bridge, alignments, confidence, config)
                     break
@@ -95,11 +86,12 @@ def refute_bridges(
 def _without(
     bridge: Bridge, alignments: Mapping[Pair, Alignment], confidence: float, config: MergeConfig
 ) -> dict[Pair, Alignment]:
-    """Return alignments of which those at the pose of a bridge are refused and join nothing on their own."""
-    numbers = " and ".join(str(len(side)) for side in bridge.sides)
-    why = f"the groups of {numbers} maps that it joins do not match as wholes (confidence {confidence:.2f})"
+    """Refuse the alignments at the pose of a bridge, and limit their confidence so that they join no groups alone."""
+    numbers, limit = " and ".join(str(len(side)) for side in bridge.sides), config.verification.min_confidence
+    stated = f"confidence {format_confidence(confidence)} is under {limit:g}"
+    why = f"the groups of {numbers} maps that it joins do not match as wholes ({stated})"
     logger.info("%s in %s: refused: %s", *bridge.pair[::-1], why)
-    confidence = min(confidence, IDLE)
+    confidence = min(confidence, IDLE)  # so the pair is no bridge again, and the verification ends
     refuted = {pair: _refuted(each, pair, bridge, confidence, why, config) for pair, each in alignments.items()}
     for pair in bridge.pairs:
         reason = f"{why}: {alignments[pair].reason}"
@@ -128,14 +120,39 @@ def _refuted(
     return found if alternatives == found.alternatives else replace(found, alternatives=alternatives)
 
 
-def _confidence_of(groups: Sequence[GroupMap], config: MergeConfig) -> float:
-    """Return the confidence of the relative pose of two groups in their alignment, each as one map."""
-    grids = TbmMap(groups[0].grid), TbmMap(groups[1].grid)
-    found = align_deformable(*grids, config)
-    expected = groups[0].T_common_map.inverse() @ groups[1].T_common_map
-    confidences = (
+def _confidences_of(
+    bridges: Sequence[Bridge], group: Group, found: MergeState, config: MergeConfig, progress: Progress
+) -> Iterator[tuple[Bridge, float]]:
+    """Yield the bridges of a group with their confidences, the most doubtful alignment first."""
+    try:
+        joint = jointly_refined(found.maps, group.poses, config, progress)
+    except MemoryError:
+        logger.warning("the bridges between %s are not verified: memory has run out", ", ".join(group.poses))
+        yield from ((bridge, _UNKNOWN) for bridge in bridges)
+        return
+    for bridge in sorted(bridges, key=lambda bridge: found.alignments[bridge.pair].confidence):
+        try:
+            yield bridge, _confidence_of(bridge, found, joint, config, progress)
+        except (CellSizeError, MemoryError) as error:
+            why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
+            logger.warning("the bridge between %s and %s is not verified: %s", *bridge.pair, why)
+            yield bridge, _UNKNOWN
+
+
+def _confidence_of(
+    bridge: Bridge, found: MergeState, joint: JointRefinement | None, config: MergeConfig, progress: Progress
+) -> float:
+    """Return the confidence of the relative pose of both sides of a bridge, from an alignment of each as one map."""
+    # The farther walls of maps that align by short ranges only are displaced, and would refute the bridge.
+    is_short = any(pair in found.evidence_grids for pair in bridge.pairs)
+    max_range = config.short_range.range_m if is_short else math.inf
+    here, there = group_maps_of(found.maps, bridge.sides, config, progress, joint, max_range)
+    grids = TbmMap(here.grid), TbmMap(there.grid)
+    aligned, expected = align_deformable(*grids, config), here.T_common_map.inverse() @ there.T_common_map
+    return sum(
         float(confidence)
-        for hypothesis, confidence in zip(found.hypotheses(), confidences_of_groups(found, *grids, config), strict=True)
+        for hypothesis, confidence in zip(
+            aligned.hypotheses(), confidences_of_groups(aligned, *grids, config), strict=True
+        )
         if is_same_pose(expected, hypothesis.T_target_source, config.graph, hypothesis.covariance)
     )
-    return max(confidences, default=0.0)

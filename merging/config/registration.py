@@ -97,7 +97,9 @@ class VerificationConfig(FrozenConfig):
     other_weight: float = Field(
         0.6, ge=0, description="cost of a metre of wall that does not agree, in metres of agreeing wall"
     )
-    min_confidence: Share = Field(0.85, description="least probability of an alignment that is accepted")
+    min_confidence: Share = Field(
+        0.85, description="least probability of an accepted alignment, of two maps or two groups"
+    )
     min_overlap_m2: float = Field(2.0, ge=0, description="least area known to both maps [m^2]")
     # A refused pair is called ambiguous, and not foreign, if its best pose fits well and another pose is as likely.
     min_ambiguous_wall_m: float = Field(8.0, ge=0, description="least agreeing wall of an ambiguous pair [m]")

@@ -60,7 +60,7 @@ class LoopClosingConfig(FrozenConfig):
     reach: float = Field(4.0, gt=0, description="largest distance of a keyframe from the path of a submap [m]")
     bundle: float = Field(1.5, ge=0, description="path before and after a keyframe whose hits form a bundle [m]")
     step: float = Field(1.0, gt=0, description="travelled length between keyframes that are searched for [m]")
-    submaps_per_step: int = Field(2, ge=1, description="nearest old submaps to search until one of them is verified")
+    submaps_per_step: int = Field(2, ge=1, description="largest number of near old submaps that are searched")
     familiar: float = Field(
         0.75, gt=0, le=1, description="share of a submap, found in older submaps, from which on it is no target"
     )
@@ -212,14 +212,18 @@ class _Drive:
         return found
 
     def _found(self, keyframe: int) -> list[PlacedBundle]:
-        """Return the poses of a keyframe's bundle; poses of wide searches only if several along the drive agree."""
-        fits, votes = list[PlacedBundle](), list[PlacedBundle]()
+        """Return the pose of a keyframe's bundle in the nearest submap that it fits, and poses that were elected.
+
+        A wide search votes for its poses, which are elected if several keyframes along the drive agree.
+        """
+        fit, votes = None, list[PlacedBundle]()
         for target, shift, turn in self._candidates(keyframe):
             if shift > self.config.votes.beyond or turn > self.config.max_turn:
                 votes += self._votes_for(keyframe, target, shift, turn)
-            elif not fits and (fit := self._fit(keyframe, target, shift, turn)) is not None:
-                fits.append(fit)
-        return fits + self._elected(self._near_election, votes)
+            elif fit is None:
+                fit = self._fit(keyframe, target, shift, turn)
+        elected = self._elected(self._near_election, votes)
+        return elected if fit is None else [fit, *elected]
 
     def _elected(self, election: _Election, votes: list[PlacedBundle]) -> list[PlacedBundle]:
         """Add votes; return those that agree, if they outweigh all others and the drive's motions allow them."""

@@ -6,7 +6,6 @@ import pytest
 
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.laser import SimulatedLaser
-from merging import merged_group
 from merging.config import MergeConfig
 from merging.fusion import CellSizeError, fuse, warp
 from merging.joint_slam import redraw
@@ -234,15 +233,6 @@ def test_a_group_of_too_many_cells_is_not_merged():
     fine = MergeConfig(resolution=0.01)  # the groups would be compared in these cells
     with pytest.raises(CellSizeError):
         group_maps_of(MAPS, [{**far, "b": SE2(500.0, 500.0, 0.0)}, near], fine, Progress())
-
-
-def test_groups_are_compared_without_joint_optimisation_if_memory_runs_out(caplog, monkeypatch, maps):
-    def none_left(*_):
-        raise MemoryError
-
-    monkeypatch.setattr(merged_group, "refine_jointly", none_left)
-    assert jointly_refined(maps, POSES, MergeConfig(), Progress()) is None
-    assert caplog.messages == ["b, a are not optimised jointly before they are compared: memory has run out"]
 
 
 def test_the_largest_map_is_chosen_by_area_and_not_by_cells():

@@ -170,7 +170,8 @@ def test_a_bridge_of_groups_that_fit_elsewhere_as_well_is_refuted(tile):
     motion = SE2(tile * 160 * 0.05, 0.0, 0.0)
     found, _ = refuted(maps, alignment_at("ab", 0.999, none, "features") | alignment_at("bc", 0.95, motion))
     assert not found["b", "c"].accepted
-    assert found["b", "c"].confidence == pytest.approx(0.45, abs=0.06)
+    confidence = float(found["b", "c"].reason.split("confidence ")[1].split()[0])
+    assert confidence == pytest.approx(0.45, abs=0.07)
 
 
 def test_groups_too_large_to_be_one_map_do_not_refute_a_bridge(strangers, monkeypatch, caplog):
@@ -180,14 +181,30 @@ def test_groups_too_large_to_be_one_map_do_not_refute_a_bridge(strangers, monkey
     assert "cells, more than the 1e+03 that are possible" in caplog.messages[-1]
 
 
-def test_a_bridge_is_not_refuted_if_memory_runs_out(strangers, monkeypatch, caplog):
+@pytest.mark.parametrize(
+    ("step", "where"),
+    [("align_deformable", "bridge between b and c is"), ("jointly_refined", "bridges between a, b, c, d are")],
+)
+def test_a_bridge_is_not_refuted_if_memory_runs_out(strangers, monkeypatch, caplog, step, where):
     def none_left(*_):
         raise MemoryError
 
-    monkeypatch.setattr(refutation, "align_deformable", none_left)
+    monkeypatch.setattr(refutation, step, none_left)
     nothing, fitting = refuted(strangers, SURE | alignment_at("bc", 0.95))
     assert (nothing, len(fitting)) == ({}, 1)
-    assert caplog.messages == ["the groups of b and c are not compared: memory has run out"]
+    assert caplog.messages == [f"the {where} not verified: memory has run out"]
+
+
+@pytest.mark.parametrize(("least", "accepted"), [(0.85, False), (0.75, True)])
+def test_a_bridge_must_be_as_confident_as_an_accepted_pair(strangers, monkeypatch, least, accepted):
+    monkeypatch.setattr(refutation, "_confidence_of", lambda *_: 0.8)
+    alignments = SURE | alignment_at("bc", 0.95)
+    (group,) = state_of(strangers, alignments).groups
+    config = MergeConfig.model_validate({"verification": {"min_confidence": least}})
+    state = MergeState.of(strangers, alignments, lambda _: [group])
+    found = without_refuted_bridges(state, config, Progress()).alignments["b", "c"]
+    assert (found.accepted, found.confidence) == ((True, 0.95) if accepted else (False, IDLE))
+    assert accepted or "(confidence 0.800 is under 0.85)" in found.reason
 
 
 def test_the_most_doubtful_bridge_is_verified_first(strangers):

@@ -61,13 +61,18 @@ def test_walls_seen_through_refute_a_pose_unless_the_compared_walls_are_long():
     assert weighted_log_ratio(seen(1.0, 85.0)) < 0.0 < weighted_log_ratio(seen(1.0, 400.0))
 
 
+@pytest.mark.parametrize(("through_m", "ratio"), [(0.0, 4.63), (0.5, 0.29), (1.0, -1.89)])
+def test_evidence_in_favour_counts_half(through_m, ratio):
+    assert weighted_log_ratio(seen(through_m, 85.0)) == pytest.approx(ratio, abs=0.01)
+
+
 def alignment_of(confidence, evidence, others=()):
     alternatives = tuple(PoseHypothesis(SE2(5.0, 0.0, 0.0), each, 10.0) for each in others)
     pose = SE2.identity()
     return Alignment("correlation", True, "", pose, confidence=confidence, evidence=evidence, alternatives=alternatives)
 
 
-def test_the_confidence_of_a_pose_is_updated_by_bayes_rule():
+def test_the_odds_of_a_pose_change_by_the_weighted_ratio():
     found = alignment_of(0.2, seen(0.3, 40.0))
     (confidence,) = confidences_of_groups(found, FLOOR, FLOOR, MergeConfig())
     odds = 0.25 * math.exp(weighted_log_ratio(seen(0.3, 40.0)))

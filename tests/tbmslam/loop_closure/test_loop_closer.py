@@ -4,6 +4,7 @@ import pytest
 from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
 from tbmslam.geometry.se2 import SE2, compose, inverse
+from tbmslam.loop_closure import loop_closer
 from tbmslam.loop_closure.closure_graph import ClosureGraphConfig
 from tbmslam.loop_closure.far_search import PlaceIndex
 from tbmslam.loop_closure.loop_closer import LoopCloser, LoopClosingConfig
@@ -65,6 +66,22 @@ def test_closures_that_the_rest_contradicts_are_dropped(drive_in):
     assert edge_errors(strict[1], strict[0]).max() < 0.3
     assert edge_errors(kept[1], kept[0]).max() > 0.35
     assert errors(true, strict[0]).max() < 1.5 * errors(true, kept[0]).max()
+
+
+def test_a_keyframe_is_registered_to_one_of_the_near_submaps(drive_in, monkeypatch):
+    fit, verified = loop_closer._Drive._fit, []
+
+    def noted(drive, keyframe, *how):
+        found = fit(drive, keyframe, *how)
+        verified.extend([keyframe] if found is not None else [])
+        return found
+
+    monkeypatch.setattr(loop_closer._Drive, "_fit", noted)
+    monkeypatch.setattr(loop_closer._Drive, "tighten", lambda _: None)
+    _, tracked, scans, chain = drifting(drive_in("office", None, seed=1), 0.0)
+    LoopCloser(LoopClosingConfig(), SurfelConfig()).close(tracked, scans, chain)
+    assert len(verified) > 10
+    assert len(set(verified)) == len(verified)
 
 
 def test_few_submaps_are_kept_at_a_time(drive_in, monkeypatch):
