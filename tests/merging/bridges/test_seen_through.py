@@ -15,6 +15,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tests.merging.conftest import draw_rooms, grid_of_occupancy
 from tools.benchmarks.fleet import make_fleet
+from tools.benchmarks.stranger_sets import make_set
 from tools.map_pairs.placed_maps import maps_by_name
 
 NOTHING = Evidence(0, 0, 0, 0, 0, 0, None, 0, 0, 0, 0, 0, 0, Pieces(0, 0, 0, 0))
@@ -106,3 +107,14 @@ def test_two_stores_with_equal_aisles_are_one_only_without_the_walls_seen_throug
         monkeypatch.setattr(seen_through, "weighted_log_ratio", lambda _: 0.0)
     found = merge(maps_by_name(fleet))
     assert len({fleet[name].place for name in found.poses}) == (2 if ablated else 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "seed"), [(135, 7301), (211, 8801)])
+@pytest.mark.parametrize("ablated", [False, True])
+def test_two_ends_of_a_floor_are_one_only_if_clean_walls_count_fully(monkeypatch, number, seed, ablated):
+    if ablated:
+        monkeypatch.setattr(seen_through, "_IN_FAVOUR", 1.0)
+    placed = make_set(number, seed)
+    found = merge(maps_by_name(placed))
+    assert len({placed[name].place for name in found.poses}) == (2 if ablated else 1)
