@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray
-from tbmslam.kernels.rays.hits import any_negative, hit_points, hits_of_scan, move_hits
+from tbmslam.kernels.rays.hits import any_negative, hit_points, hits_of_scan
 
 FARTHEST_PLACE = 1e8
 """No robot is farther from anything on earth [m]; beyond, fractions lose digits."""
@@ -20,10 +20,6 @@ class Hits(NamedTuple):
     """End points (M, 2) [m]."""
     normals: FloatArray
     """Unit normals (M, 2) of the surfaces, towards the laser."""
-
-    def placed(self, T_new_old: SE2) -> "Hits":
-        """Return the same hits in another frame."""
-        return Hits(*move_hits(self.points, self.normals, T_new_old))
 
     def thinned(self, count: int) -> "Hits":
         """Return every n-th hit, with the largest n that leaves at least `count` hits."""

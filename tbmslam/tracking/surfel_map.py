@@ -102,7 +102,7 @@ class SurfelMap:
         there = (*pose,)
         used = insert_hits(self._arrays, self._used, hits.points, hits.normals, there)
         if used < 0:
-            self._grow_to_contain(hits.placed(pose).points)
+            self._grow_to_contain(pose.apply(hits.points))
             used = insert_hits(self._arrays, self._used, hits.points, hits.normals, there)
         self._used = used
         if CELLS * used > self.slots:

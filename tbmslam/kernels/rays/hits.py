@@ -188,18 +188,3 @@ def place_hits(
             i += step
         skipped = i - offsets[k + 1]
     return placed, facing
-
-
-@kernel
-def move_hits(
-    points: FloatArray, normals: FloatArray, pose: tuple[float, float, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return points (N, 2) and normals (N, 2) transformed by a pose."""
-    moved, turned = np.empty(points.shape), np.empty(normals.shape)
-    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
-    for i in range(len(points)):
-        moved[i, 0] = pose[0] + cosine * points[i, 0] - sine * points[i, 1]
-        moved[i, 1] = pose[1] + sine * points[i, 0] + cosine * points[i, 1]
-        turned[i, 0] = cosine * normals[i, 0] - sine * normals[i, 1]
-        turned[i, 1] = sine * normals[i, 0] + cosine * normals[i, 1]
-    return moved, turned

@@ -41,8 +41,9 @@ def packed(scans):
 def test_bundles_are_the_hits_of_the_keyframes_around(scans, poses):
     drive = DriveHits(packed(scans), poses)
     near = np.flatnonzero(np.abs(drive.travelled - drive.travelled[12]) <= 1.0)
-    each = [scans[k].hits(5.0).placed(relative_pose(poses, 12, k)) for k in (12, *near)]
-    points, normals = (np.vstack(parts) for parts in zip(*each, strict=True))
+    each = [(scans[k].hits(5.0), relative_pose(poses, 12, k)) for k in (12, *near)]
+    points = np.vstack([pose.apply(hits.points) for hits, pose in each])
+    normals = np.vstack([SE2(0.0, 0.0, pose.theta).apply(hits.normals) for hits, pose in each])
     bundle = drive.bundle(12, 1.0, 10_000)
     np.testing.assert_allclose(bundle.points, points, atol=1e-5)
     np.testing.assert_allclose(bundle.normals, normals, atol=1e-5)

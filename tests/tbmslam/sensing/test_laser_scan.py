@@ -64,13 +64,10 @@ def test_a_lonely_hit_faces_the_laser():
     np.testing.assert_allclose(hits.normals, -hits.points / 5.0, atol=1e-9)
 
 
-def test_hits_are_limited_placed_and_thinned():
+def test_hits_are_limited_and_thinned():
     scan = scan_of(np.linspace(1.0, 11.0, 101))
     hits = scan.hits(6.0)
     assert len(hits.points) == 51
-    moved = hits.placed(SE2(1.0, 2.0, np.pi / 2))
-    np.testing.assert_allclose(moved.points, SE2(1.0, 2.0, np.pi / 2).apply(hits.points))
-    np.testing.assert_allclose(moved.normals[:, 0], -hits.normals[:, 1], atol=1e-12)
     assert len(hits.thinned(10).points) == 11
     assert len(hits.thinned(1000).points) == 51
     assert len(scan_of([np.nan, np.inf]).hits().points) == 0

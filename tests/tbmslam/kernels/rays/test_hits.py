@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tbmslam.geometry.se2 import SE2
-from tbmslam.kernels.rays.hits import hit_points, move_hits, place_hits, write_normals
+from tbmslam.kernels.rays.hits import hit_points, place_hits, write_normals
 from tests import reference
 
 STILL = SE2(0.0, 0.0, 0.0)
@@ -61,11 +61,3 @@ def test_hits_of_several_scans_are_placed_one_by_one(at_least, step):
     placed, facing = place_hits(points, normals, offsets, chosen, poses, 2, at_least)
     np.testing.assert_allclose(placed, np.vstack(expected_points)[::step], atol=1e-6)
     np.testing.assert_allclose(facing, np.vstack(expected_normals)[::step], atol=1e-6)
-
-
-def test_hits_are_moved_as_motions_move_points():
-    points, normals = np.random.default_rng(1).normal(size=(2, 20, 2))
-    pose = SE2(1.0, -2.0, 0.5)
-    moved, turned = move_hits(points, normals, pose)
-    np.testing.assert_allclose(moved, pose.apply(points))
-    np.testing.assert_allclose(turned, SE2(0.0, 0.0, 0.5).apply(normals))
