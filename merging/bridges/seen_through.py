@@ -39,7 +39,7 @@ _NOTHING_M = 0.03
 """Shorter lengths count as zero: a cell of 5 cm, seen through in one direction."""
 _IN_FAVOUR, _MOST = 0.5, math.log(1000.0)
 """Weight of a log ratio in favour of a pose, and its largest weighted value: 1300 pairs of groups do not support more.
-With the weight 1, four more of 700 simulated sets of six maps are merged to a group of two places."""
+With the weight 1, two more of 700 simulated sets of six maps are merged to a group of two places."""
 _SURE = 0.999
 """Largest prior probability."""
 _LEAST = 1e-6
