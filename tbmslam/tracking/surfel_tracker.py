@@ -238,7 +238,7 @@ class SurfelTracker:
     def _outline_of_keyframe(self) -> Outline:
         """Return the outline of the last keyframe."""
         if self._keyframe is None:
-            return np.empty((0, 4)), 0.0, 1.0, (0.0, 0.0, 0.0)
+            return np.empty((0, 5)), 0.0, 1.0, (0.0, 0.0, 0.0)
         if self._outline is None:
             scan, pose = self._keyframe
             view = scan.angle_min, scan.angle_increment + scan.beam_step.theta, (*pose,)

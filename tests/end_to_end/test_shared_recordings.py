@@ -161,7 +161,7 @@ def test_scans_far_apart_need_the_outline_of_the_last_keyframe(shared_data, monk
     """Ablation of `tbmslam.kernels.surfels.outline` on mit-csail with a scan each metre or 0.5 rad."""
     readings = list(open_recording([shared_data / "mit-csail/mit-csail.bag"], RecordingOptions()))
     if not is_known:
-        monkeypatch.setattr(surfel_tracker, "outline_of", lambda *_: np.empty((0, 4)))
+        monkeypatch.setattr(surfel_tracker, "outline_of", lambda *_: np.empty((0, 5)))
     assert least < error_of_few(readings, 12.0, 1.0) < most
 
 

@@ -54,4 +54,4 @@ def test_beams_without_a_hit_and_steps_of_depth_make_no_surface():
     ranges = np.concatenate((wall[:4], [math.inf], wall[5:7], [3.5, 2.1, math.nan, 2.5]))
     surfaces = outline_of(ranges, -0.5, step, (0.0, 0.0, 0.0))
     assert np.flatnonzero(surfaces.any(axis=1)).tolist() == [0, 1, 2]
-    assert outline_of(np.zeros(0), 0.0, 0.1, (0.0, 0.0, 0.0)).shape == (0, 4)
+    assert outline_of(np.zeros(0), 0.0, 0.1, (0.0, 0.0, 0.0)).shape == (0, 5)
