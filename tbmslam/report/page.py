@@ -4,6 +4,7 @@ import base64
 import hashlib
 import importlib.metadata
 import json
+import os
 import platform
 import re
 from collections.abc import Mapping, Sequence
@@ -192,4 +193,4 @@ _WANTED = (
 def downloads(page: Path, folder: Path) -> Sequence[str]:
     """Return the addresses of the files of a map, relative to the folder of a page, which contains the map's folder."""
     found = [path for pattern in _WANTED for path in sorted(folder.glob(pattern)) if path.is_file()]
-    return [quote(bytes(path.relative_to(page))) for path in found]
+    return [quote(os.fsencode(path.relative_to(page).as_posix())) for path in found]

@@ -1,5 +1,6 @@
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -108,3 +109,11 @@ def test_files_are_offered_where_they_are_and_others_are_not(tmp_path):
     ]
     assert downloads(folder, folder)[0] == "map.yaml"
     assert downloads(tmp_path, tmp_path) == []
+
+
+def test_addresses_have_forward_slashes_also_where_paths_have_others(tmp_path, monkeypatch):
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    (folder / "map.yaml").touch()
+    monkeypatch.setattr(Path, "__bytes__", lambda path: str(path).replace("/", "\\").encode())  # as on Windows
+    assert downloads(tmp_path, folder) == ["robot/map.yaml"]
