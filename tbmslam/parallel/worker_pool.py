@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -16,6 +17,8 @@ from typing import ParamSpec, Self, TypeVar
 from tbmslam.errors import TbmSlamError
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
+_MOST_ON_WINDOWS = 61
+"""Windows waits for at most 63 processes and pipes at once; see the manual of `ProcessPoolExecutor`."""
 
 
 class DeferredInterrupt:
@@ -80,7 +83,8 @@ class WorkerPool(ProcessPoolExecutor):
 
     def __init__(self, workers: int, initializer: Callable[[], object] | None, interrupt: DeferredInterrupt) -> None:
         context = multiprocessing.get_context("spawn")  # threads of compiled code do not survive a fork
-        super().__init__(workers, context, partial(_begin, initializer))
+        most = _MOST_ON_WINDOWS if sys.platform == "win32" else workers
+        super().__init__(min(workers, most), context, partial(_begin, initializer))
         self._interrupt = interrupt
 
     def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:

@@ -177,6 +177,12 @@ def test_work_is_done_in_other_processes():
     assert multiprocessing.active_children() == []
 
 
+def test_more_workers_than_windows_can_wait_for_are_not_started(monkeypatch):
+    monkeypatch.setattr("sys.platform", "win32")
+    with worker_pool(62) as pool:
+        assert pool._max_workers == 61
+
+
 def test_a_dead_process_is_reported_in_one_line():
     with pytest.raises(WorkerDiedError, match=r"a worker process died, .*fewer --workers"), worker_pool(1) as pool:
         pool.submit(os._exit, 3).result()
