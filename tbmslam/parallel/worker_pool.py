@@ -132,7 +132,8 @@ def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -
 
 
 def _begin(initializer: Callable[[], object] | None) -> None:
-    """Start a worker, which ends if its parent process has died."""
+    """Start a worker, which ends if its parent process has died, and leaves Ctrl-C to it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Windows cannot block it
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if initializer is not None:
         initializer()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -175,6 +176,12 @@ def test_work_is_done_in_other_processes():
         assert list(pool.map(abs, [-1, 2, -3])) == [1, 2, 3]
         assert pool.submit(os.getpid).result() != os.getpid()
     assert multiprocessing.active_children() == []
+
+
+def test_workers_ignore_ctrl_c_also_where_no_signal_can_be_blocked(monkeypatch):
+    monkeypatch.setattr("tbmslam.parallel.worker_pool.interrupts_held", nullcontext)  # as on Windows
+    with worker_pool(1) as pool:
+        assert pool.submit(signal.getsignal, signal.SIGINT).result() is signal.SIG_IGN
 
 
 def test_more_workers_than_windows_can_wait_for_are_not_started(monkeypatch):
