@@ -1,5 +1,6 @@
 """The configuration of the programs, from a preset, a file and the command line."""
 
+import codecs
 import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -11,6 +12,7 @@ from tbmslam.configuration.parameters import changed, config_text, parse_setting
 from tbmslam.configuration.slam_config import ConfigError, SlamConfig, preset
 from tbmslam.special_file import why_unreadable
 
+_UTF_16 = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 _PAPER, _PAPER_SLAM = "paper", "viny"
 _HEADING = "Parameters of tbmslam. Give this file, or a part of it, to `tbmslam map` or `merge` with --config."
 
@@ -80,7 +82,9 @@ def _read(path: Path) -> Mapping[str, object]:
     if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
         raise ConfigError(f"{path}: cannot be read as TOML: it {why}")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        data = path.read_bytes()
+        # `tbmslam config > FILE` in PowerShell of Windows writes UTF-16.
+        return tomllib.loads(data.decode("utf-16" if data.startswith(_UTF_16) else "utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:  # ValueError also for numbers of thousands of digits
         reason = (isinstance(error, OSError) and error.strerror) or error
         raise ConfigError(f"{path}: cannot be read as TOML: {reason}") from None

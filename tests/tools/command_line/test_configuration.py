@@ -56,6 +56,13 @@ def test_the_preset_paper_maps_as_viny_and_merges_as_the_paper(tmp_path):
     assert read_configuration(None, tmp_path / "named.toml") == config
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_file_is_read_as_the_shells_and_editors_of_windows_write_it(tmp_path, encoding):
+    config = changed(Configuration.of_preset("default"), ODD)
+    (tmp_path / "mine.toml").write_text(whole_text(config), encoding, newline="\r\n")
+    assert read_configuration(None, tmp_path / "mine.toml") == config
+
+
 def test_the_text_is_read_back(tmp_path):
     config = changed(Configuration.of_preset("default"), ODD)
     (tmp_path / "config.toml").write_text(whole_text(config))
