@@ -316,3 +316,21 @@ def test_a_warning_leads_to_where_it_happened(tmp_path, window):
     box, dot = page.locator("#map").bounding_box(), page.locator(".leaflet-tooltip").bounding_box()
     assert abs(dot["y"] + dot["height"] / 2 - box["y"] - box["height"] / 2) < 20
     assert opened.complaints == []
+
+
+def test_a_list_of_warnings_that_goes_on_below_its_edge_shows_it_and_is_printed_whole(flat_maps, window):
+    window.set_viewport_size({"width": 390, "height": 844})
+    page = OpenPage(window, flat_maps / "report.html").page
+    warned = page.locator(".warnings ul")
+    warned.evaluate("(list) => (list.innerHTML = '<li>the odometry jumps</li>'.repeat(40))")
+
+    def darkest_at_the_edge():
+        shot = cv2.imdecode(np.frombuffer(warned.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+        return shot[-6:-2, -60:-20].min()
+
+    before = darkest_at_the_edge()
+    warned.evaluate("(list) => list.scrollTo(0, list.scrollHeight)")
+    page.wait_for_timeout(200)
+    assert darkest_at_the_edge() > before + 5
+    window.emulate_media(media="print")
+    assert warned.evaluate("(list) => list.scrollHeight <= list.clientHeight")
