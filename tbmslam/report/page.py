@@ -94,7 +94,7 @@ class Page:
         """Return the page; text from files is escaped."""
         # Leaflet without its reference to a source map, which a browser would request.
         leaflet = re.sub(r"^//# sourceMappingURL=.*$", "", _asset("leaflet.js"), flags=re.MULTILINE)
-        scripts = [leaflet, _asset("page.js")]
+        scripts = [leaflet, _asset("grid.js"), _asset("page.js")]
         return render(
             _asset("page.html"),
             page=self,

@@ -297,6 +297,28 @@ def test_distances_are_measured_poses_copied_and_parameters_found(flat_maps, win
     assert opened.complaints == []
 
 
+def test_a_grid_lies_at_round_metres_and_follows_the_zoom(merged, window):
+    opened = OpenPage(window, merged / "report.html")
+    page, drawn = opened.page, "() => [...document.querySelectorAll('#map canvas')].map((c) => c.toDataURL()).join()"
+    without = page.evaluate(drawn)
+    page.locator("#grid").click()
+    steps = []
+    for _ in range(3):
+        page.wait_for_timeout(600)
+        steps.append(float(page.locator(".grid-step").inner_text().removeprefix("grid ").removesuffix(" m")))
+        bar = page.locator(".leaflet-control-scale-line")
+        pixels = steps[-1] * bar.bounding_box()["width"] / float(bar.inner_text().removesuffix(" m"))
+        assert 48 <= pixels <= 130  # 1, 2 and 5 are up to a factor of 2.5 apart
+        page.mouse.move(*(page.locator("#map").bounding_box()[side] + 200 for side in "xy"))
+        page.mouse.wheel(0, -400)
+    assert steps[0] > steps[1] > steps[2]
+    assert page.evaluate(drawn) != without
+    page.locator("#grid").click()
+    assert page.locator(".grid-step").count() == 0
+    assert page.locator("#grid").get_attribute("aria-pressed") == "false"
+    assert opened.complaints == []
+
+
 def test_a_warning_leads_to_where_it_happened(tmp_path, window):
     bags = simulate(
         tmp_path / "bags", "--world", "apartment", "--beams", 181, "--rate", 5, "--duration", 16,

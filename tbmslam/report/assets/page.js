@@ -40,7 +40,7 @@
     const picture = make("button", { type: "button", title: "Save this view as PNG", textContent: "↓", id: "picture" });
     picture.setAttribute("aria-label", picture.title);
     picture.addEventListener("click", () => savePicture());
-    box.append(button, ruler, picture);
+    box.append(button, ruler, gridButton(map), picture);
     L.DomEvent.disableClickPropagation(box);
     return box;
   };

@@ -79,7 +79,7 @@ def test_the_page_needs_nothing_else_and_may_run_nothing_else():
     assert "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-" in text
     assert not re.search(r"<link|@import|sourceMappingURL|<script[^>]+src", text)
     assert "url(" not in text.partition("<body>")[0]
-    assert len(re.findall(r"'sha256-[\w+/]{43}='", text)) == 2
+    assert len(re.findall(r"'sha256-[\w+/]{43}='", text)) == 3
 
 
 @pytest.mark.parametrize("page", [Page("t", "v"), Page("t", "v", good=False)])
