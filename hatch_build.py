@@ -1,11 +1,14 @@
-"""The layout of a wheel: everything is under tbmslam and merging.
+"""The layout of a wheel, and the addresses on its page.
 
 `datasets` and `tools` are names that other projects install too. In a wheel they are `tbmslam.datasets` and
 `tbmslam.tools`; the imports of them are written accordingly while it is built.
 The source tree and an editable install keep the short names.
+
+Wheels are released by a workflow of the forge that holds the project, which states the address of the project.
 """
 
 import ast
+import os
 import re
 import shutil
 import tempfile
@@ -13,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 HOMES = {"tbmslam": "tbmslam", "merging": "merging", "datasets": "tbmslam/datasets", "tools": "tbmslam/tools"}
 MOVED = tuple(package for package, home in HOMES.items() if package != home)
@@ -61,3 +65,29 @@ def for_wheel(source: Path) -> str:
                 r"^from (\w+)", r"from tbmslam.\1", line[node.col_offset :]
             )
     return "".join(lines)
+
+
+_PAPER = "https://ceur-ws.org/Vol-2953/SEIM_2021_paper_17.pdf"
+_RELATIVE_LINK = re.compile(r"(!?)(\[[^\]]*\]\()(?!\w+:|#)")
+
+
+class CustomMetadataHook(MetadataHookInterface):
+    """Writes the addresses of the project, and a README whose links work outside the source tree."""
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Add `urls` and `readme`."""
+        text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
+        metadata["urls"] = {"Paper": _PAPER}
+        server, name = os.environ.get("GITHUB_SERVER_URL"), os.environ.get("GITHUB_REPOSITORY")
+        if server and name:
+            home, version = f"{server}/{name}", os.environ.get("GITHUB_REF_NAME", "HEAD")
+            pages = {"Documentation": f"blob/{version}/docs/index.md", "Changelog": f"blob/{version}/CHANGELOG.md"}
+            metadata["urls"] |= {"Source": home, "Issues": f"{home}/issues"}
+            metadata["urls"] |= {title: f"{home}/{page}" for title, page in pages.items()}
+            text = absolute_links(text, home, version)
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
+
+
+def absolute_links(text: str, home: str, version: str) -> str:
+    """Return Markdown whose relative links lead to a version of the project; pictures lead to their files."""
+    return _RELATIVE_LINK.sub(lambda link: f"{link[1]}{link[2]}{home}/{'raw' if link[1] else 'blob'}/{version}/", text)

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -48,8 +49,8 @@ def other_project(folder):
     return wheel
 
 
-def shell(*words, cwd):
-    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
+def shell(*words, cwd, **more):
+    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")} | more
     done = subprocess.run(  # noqa: S603 - our own commands
         list(map(str, words)), cwd=cwd, env=environment, capture_output=True, text=True, check=False
     )
@@ -89,6 +90,22 @@ def test_a_wheel_brings_no_name_but_its_own(wheel):
         programs = [archive.read(f"tbmslam/tools/{name}.py").decode() for name in ("build_maps", "download")]
     assert not any("python tools/" in text for text in programs)
     assert "tbmslam map" in programs[1]
+
+
+def test_a_wheel_that_the_forge_builds_leads_to_the_project(tmp_path):
+    home = "https://forge.example/team/maps"
+    forge = {"GITHUB_SERVER_URL": "https://forge.example", "GITHUB_REPOSITORY": "team/maps", "GITHUB_REF_NAME": "v9"}
+    build = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "-w", tmp_path, ROOT)
+    shell(sys.executable, *build, cwd=tmp_path, **forge)
+    (made,) = tmp_path.glob("tbmslam-*.whl")
+    with zipfile.ZipFile(made) as archive:
+        (name,) = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
+        text = archive.read(name).decode()
+    assert f"Project-URL: Source, {home}\n" in text
+    assert f"Project-URL: Issues, {home}/issues\n" in text
+    assert f"]({home}/raw/v9/docs/merged-office.png)" in text
+    assert f"[own recordings]({home}/blob/v9/docs/own-recordings.md)" in text
+    assert not re.search(r"\]\((?!https://)", text)
 
 
 def test_the_commands_and_the_library_work_beside_the_other_project(installed):
