@@ -74,7 +74,7 @@ class SurfelTrackerConfig(FrozenConfig):
     doubtful: float = Field(
         0.55, ge=0, le=1, description="share of hits on known surfaces below which to search elsewhere"
     )
-    search_points: int = Field(40, ge=10, description="hits that are tried in a search")
+    search_points: int = Field(60, ge=10, description="hits that are tried in a search")
     search_shift: float = Field(0.5, ge=0, description="how far to search [m]")
     search_turn: float = Field(1.0, ge=0, description="how far to search [rad]")
     search_rest: int = Field(5, ge=0, description="doubtful scans after a search in vain that are not searched for")
