@@ -38,7 +38,7 @@ class MotionConfig(FrozenConfig):
     )
     odometry: OdometryNoiseConfig = OdometryNoiseConfig()
     position_per_second: float = Field(0.5, gt=0, description="position deviation without odometry [m/s]")
-    heading_per_second: float = Field(0.35, gt=0, description="heading deviation without odometry [rad/s]")
+    heading_per_second: float = Field(0.5, gt=0, description="heading deviation without odometry [rad/s]")
 
 
 class MotionModel:
