@@ -167,10 +167,10 @@ def test_scans_far_apart_need_the_outline_of_the_last_keyframe(shared_data, monk
 
 @pytest.mark.parametrize(("overruling", "least", "most"), [(0.2, 0.0, 0.13), (0.0, 1.0, 10.0)])
 def test_few_hits_among_trees_do_not_overrule_odometry(shared_data, monkeypatch, overruling, least, most):
-    """Ablation of `_OVERRULING` on fr-clinic with odometry that is reversed for four of 68 seconds."""
+    """Ablation of `_OVERRULING` on fr-clinic with odometry that is reversed for four of 51 seconds."""
     monkeypatch.setattr(surfel_tracker, "_OVERRULING", overruling)
     readings = open_recording([shared_data / "fr-clinic/fr-clinic.bag"], RecordingOptions())
-    trajectory = trajectory_of(with_odometry_reversed(readings, 4.0, 68.0))
+    trajectory = trajectory_of(with_odometry_reversed(readings, 4.0, 51.0))
     relations = read_relations(shared_data / "fr-clinic/fr-clinic.relations")
     assert least < relation_errors(relations, trajectory).translations_m.mean() < most
 
@@ -187,11 +187,14 @@ def test_headings_among_trees_need_odometry_that_drifts_less(shared_data, monkey
 
 @pytest.mark.parametrize(("is_estimated", "least", "most"), [(True, 0.0, 0.1), (False, 0.3, 20.0)])
 def test_scans_far_apart_need_the_cost_of_faulty_odometry(shared_data, monkeypatch, is_estimated, least, most):
-    """Ablation of `tbmslam.tracking.odometry_fault.faulty_cost` on mit-csail with a scan each metre or 0.5 rad."""
+    """Ablation of `tbmslam.tracking.odometry_fault.faulty_cost` on mit-csail with a scan each metre or 0.5 rad.
+
+    The mean of drives that begin at four places, since single ones differ by chance.
+    """
     readings = list(open_recording([shared_data / "mit-csail/mit-csail.bag"], RecordingOptions()))
     if not is_estimated:
         monkeypatch.setattr(surfel_tracker, "faulty_cost", lambda *_: 0.0)
-    assert least < error_of_few(readings, 36.0, 1.0) < most
+    assert least < np.mean([error_of_few(readings, begin, 1.0) for begin in (6.0, 12.0, 42.0, 72.0)]) < most
 
 
 @pytest.mark.parametrize(("min_matched", "least", "most"), [(0.1, 0.0, 0.1), (0.2, 0.5, 10.0)])
