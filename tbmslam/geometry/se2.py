@@ -113,7 +113,7 @@ def wrap_angle(angle: float) -> float:
 
 
 def wrap_angles(angles: npt.ArrayLike) -> FloatArray:
-    """Return the same directions within [-pi, pi), for arrays of any shape."""
+    """Return the same directions within [-pi, pi), up to rounding, for arrays of any shape."""
     angles = np.asarray(angles, dtype=np.float64)
     # Not by the operator %, which takes seven times as long.
     return np.asarray(angles - 2.0 * np.pi * np.floor((angles + np.pi) / (2.0 * np.pi)))
