@@ -19,7 +19,7 @@ from tbmslam.related.viny_tracker import GridTrackerConfig, HillClimbingConfig, 
 from tbmslam.sensing.sensor_model import SensorModelConfig
 from tbmslam.tracking.deskew import DeskewConfig
 from tbmslam.tracking.forgetting import ForgettingConfig
-from tbmslam.tracking.motion_model import MotionConfig
+from tbmslam.tracking.motion_config import MotionConfig
 from tbmslam.tracking.odometry_noise import OdometryNoiseConfig
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 

@@ -8,7 +8,8 @@ keyframe of a fault needs much evidence of the scans, and the next ones need lit
 
 import math
 
-from tbmslam.tracking.odometry_noise import FREEDOM, Deviations, student_cost
+from tbmslam.tracking.odometry_noise import Deviations
+from tbmslam.tracking.student_t import FREEDOM, student_cost
 
 _BEGINS = 0.001
 """Probability that a fault begins at a keyframe. With 0.01 a day's drive round a block is torn at one of its

@@ -15,8 +15,9 @@ from tbmslam.kernels.surfels.outline import Outline, outline_of
 from tbmslam.kernels.surfels.surfel_alignment import Search
 from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.odometry_fault import OdometryFault, faulty_cost
-from tbmslam.tracking.odometry_noise import FREEDOM, Deviations, student_cost
+from tbmslam.tracking.odometry_noise import Deviations
 from tbmslam.tracking.scan_to_scan import RecentScans, ScanMotion
+from tbmslam.tracking.student_t import FREEDOM, student_cost
 from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
 from tbmslam.tracking.tracker import Coasting, PosePrior, ScanMatch
 

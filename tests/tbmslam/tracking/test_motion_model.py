@@ -6,7 +6,8 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan, Reading
-from tbmslam.tracking.motion_model import MotionConfig, MotionModel
+from tbmslam.tracking.motion_config import MotionConfig
+from tbmslam.tracking.motion_model import MotionModel
 from tbmslam.tracking.odometry_noise import OdometryNoiseConfig
 
 

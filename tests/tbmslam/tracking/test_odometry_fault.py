@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tbmslam.tracking.odometry_fault import OdometryFault, faulty_cost
-from tbmslam.tracking.odometry_noise import FREEDOM, student_cost
+from tbmslam.tracking.student_t import FREEDOM, student_cost
 
 _PLAUSIBLE, _IMPOSSIBLE = 1.0, 1000.0
 """Squared Mahalanobis distances of right odometry, and of odometry that reports the opposite direction."""

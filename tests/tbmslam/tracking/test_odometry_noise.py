@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from tbmslam.tracking.odometry_noise import FREEDOM, OdometryNoise, OdometryNoiseConfig
+from tbmslam.tracking.odometry_noise import OdometryNoise, OdometryNoiseConfig
+from tbmslam.tracking.student_t import FREEDOM
 
 STEP, TURN = 0.3, 0.1
 

@@ -8,7 +8,7 @@ from scipy import stats
 from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking import surfel_tracker
-from tbmslam.tracking.odometry_noise import FREEDOM
+from tbmslam.tracking.student_t import FREEDOM
 from tbmslam.tracking.surfel_tracker import SurfelTracker, SurfelTrackerConfig
 from tbmslam.tracking.tracker import Coasting, PosePrior
 
