@@ -18,7 +18,7 @@ from tbmslam.io.map_folder import load_map
 from tbmslam.io.trajectory_file import read_tum
 from tbmslam.loop_closure.odometry_headings import OdometryHeadings
 from tbmslam.slam import Slam
-from tbmslam.tracking import motion_model, surfel_tracker
+from tbmslam.tracking import constant_velocity, surfel_tracker
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 from tests.end_to_end.programs import build, merge_maps
 from tools import merge
@@ -209,7 +209,7 @@ def test_scans_far_apart_show_mostly_new_places(shared_data, min_matched, least,
 @pytest.mark.parametrize(("too_old", "least", "most"), [(5.0, 0.0, 0.03), (math.inf, 1.0, 10.0)])
 def test_gaps_in_the_scans(shared_data, monkeypatch, too_old, least, most):
     """Ablation of a limit of the robot's last pose on mit-csail, where 15 or 25 seconds of scans are missing."""
-    monkeypatch.setattr(motion_model, "_TOO_OLD", too_old)
+    monkeypatch.setattr(constant_velocity, "_TOO_OLD", too_old)
     readings = list(open_recording([shared_data / "mit-csail/mit-csail.bag"], RecordingOptions()))
     relations = read_relations(shared_data / "mit-csail/mit-csail.relations")
     first, last = (extreme(r.scan.stamp for r in readings) for extreme in (min, max))

@@ -18,7 +18,7 @@ from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.segmentation import in_frame
 from tbmslam.slam import Slam
 from tbmslam.tracking import odometry_fault, surfel_tracker
-from tbmslam.tracking.motion_model import MotionModel
+from tbmslam.tracking.constant_velocity import ConstantVelocity
 
 
 def mapped(readings, config=None):
@@ -354,7 +354,7 @@ def test_reversed_odometry_along_a_corridor_needs_the_fault_model_and_inertia(dr
     seeds = range(5)
     assert max(_ate_with_reversed_odometry(drive_in, seed) for seed in seeds) < 0.1
     if ablation == "no inertia":
-        monkeypatch.setattr(MotionModel, "coasting", lambda *_: None)
+        monkeypatch.setattr(ConstantVelocity, "coasting", lambda *_: None)
     else:
         monkeypatch.setattr(odometry_fault, "_BEGINS", 0.0)
         monkeypatch.setattr(surfel_tracker, "_SWERVE", math.inf)

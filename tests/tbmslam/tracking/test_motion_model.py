@@ -61,19 +61,6 @@ def test_longer_steps_are_less_certain():
     assert np.greater(turned, short).all()
 
 
-def test_without_odometry_the_motion_goes_on():
-    model = MotionModel(MotionConfig())
-    model.correct(reading(0.0, None), SE2(0, 0, 0))
-    assert model.predict(reading(0.1, None)).mean == (0, 0, 0)
-    model.correct(reading(0.1, None), SE2(0.1, 0, 0.05))
-    ahead = model.predict(reading(0.3, None)).mean
-    assert ahead.theta == pytest.approx(0.15)
-    assert math.hypot(ahead.x, ahead.y) == pytest.approx(0.3, rel=0.01)
-    # A stamp that steps back predicts no motion backwards, and a long pause no flight.
-    assert model.predict(reading(0.05, None)).mean == pytest.approx((0.1, 0, 0.05))
-    assert model.predict(reading(500.0, None)).mean.x < 1.2
-
-
 def test_a_step_that_no_robot_makes_is_not_believed():
     model = MotionModel(MotionConfig())
     model.correct(reading(0.0, SE2(0, 0, 0)), SE2.identity())
@@ -145,16 +132,6 @@ def test_the_mean_goes_on_from_the_last_keyframe_and_the_search_from_the_last_sc
     model.begin_at_keyframe(reading(0.5, SE2(5.1, 5.0, 0.0)), SE2(0.1, 0.03, 0.02))
     prior = model.predict(reading(1.0, SE2(5.2, 5.0, 0.0)))
     assert prior.mean == pytest.approx(prior.start)
-
-
-def test_a_robot_that_was_not_seen_for_seconds_may_have_gone_anywhere_near_its_last_pose():
-    model = MotionModel(MotionConfig())
-    model.correct(reading(0.0, SE2.identity()), SE2.identity())
-    model.correct(reading(0.5, SE2(0.1, 0.0, 0.0)), SE2(0.1, 0.0, 0.0))
-    coasting = model.predict(reading(4.5, SE2(0.2, 0.0, 0.0))).coasting()
-    assert coasting.mean == SE2(0.1, 0.0, 0.0)
-    assert coasting.deviations == pytest.approx((4.005, 4.005, 4.005))
-    assert model.predict(reading(6.5, SE2(0.2, 0.0, 0.0))).coasting() is None
 
 
 def test_inertia_says_nothing_beside_a_prior_that_comes_from_it():
@@ -255,10 +232,3 @@ def test_odometry_that_begins_late_counts_from_its_first_pose():
         assert prior.by_odometry == (k == 2)
         model.correct(now, SE2(0.1 * k, 0.0, 0.0))
     assert prior.mean == pytest.approx((0.2, 0.0, 0.0))
-
-
-def test_a_second_scan_of_the_same_moment_leaves_the_motion_as_it_was():
-    model = MotionModel(MotionConfig())
-    for stamp in (0.0, 0.1, 0.1):
-        model.correct(reading(stamp, None), SE2(stamp, 0.0, 0.0))
-    assert model.predict(reading(0.2, None)).mean == pytest.approx((0.2, 0.0, 0.0))
