@@ -16,6 +16,7 @@ from tbmslam.belief.masses import OCCUPIED, UNKNOWN
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.error_pictures import Backdrop, draw_map_errors, draw_trajectory_errors
 from tbmslam.evaluation.map_agreement import Labels, cell_labels, map_agreement, refine_map_transform
+from tbmslam.evaluation.relation_cycles import relation_noise
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_errors import (
     ErrorStatistics,
@@ -80,7 +81,8 @@ def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, 
 
 def _against_relations(args: argparse.Namespace, estimate: Trajectory) -> dict[str, object]:
     tolerance = 0.001 if args.max_stamp_difference is None else args.max_stamp_difference
-    errors = relation_errors(read_relations(args.relations), estimate, tolerance)
+    relations = read_relations(args.relations)
+    errors = relation_errors(relations, estimate, tolerance)
     if not len(errors.translations_m):
         raise TbmSlamError(
             f"{args.estimate}: none of the {errors.unmatched} relations of {args.relations} has poses at both of its "
@@ -91,6 +93,7 @@ def _against_relations(args: argparse.Namespace, estimate: Trajectory) -> dict[s
         points = estimate.poses[errors.pairs[:, 1], :2]
         picture = draw_trajectory_errors(points, errors.translations_m, beneath)
         write_bytes(args.picture, encode_png(picture))
+    noise = relation_noise(relations)
     return {
         "estimate": str(args.estimate),
         "relations": str(args.relations),
@@ -99,6 +102,7 @@ def _against_relations(args: argparse.Namespace, estimate: Trajectory) -> dict[s
         "unmatched": errors.unmatched,
         "translation_m": _statistics(errors.translations_m),
         "rotation_deg": _statistics(errors.rotations_deg),
+        "relation_noise": None if noise is None else noise._asdict(),
     }
 
 

@@ -176,6 +176,23 @@ def test_what_is_wrong_with_the_input_is_one_line_and_exit_1(files, monkeypatch,
     assert error.count("\n") == 1
 
 
+def test_the_noise_of_the_relations_stands_beside_the_errors(files, tmp_path, capsys):
+    """Relations a, b and a + b + 0.03 m in turn: each cycle of three errs by 0.03 m."""
+    lines = [
+        f"{1e9 + k} {1e9 + k + step} {0.3 * step + (0.03 if step == 2 else 0.0)} 0 0 0 0 0"
+        for k in range(60)
+        for step in (1, 2)
+    ]
+    (tmp_path / "cycles.relations").write_text("\n".join(lines) + "\n")
+    assert run("trajectory", files / "est.tum", "--relations", tmp_path / "cycles.relations", "--json") == 0
+    noise = json.loads(capsys.readouterr().out)["relation_noise"]
+    assert noise == {
+        "translation_m": pytest.approx(0.03 / 3**0.5),
+        "rotation_deg": pytest.approx(0.0),
+        "cycles": 60 - 1,
+    }
+
+
 def test_relations_of_another_recording(files, tmp_path, capsys):
     (tmp_path / "other.relations").write_text("5 6 0 0 0 0 0 0\n")
     assert run("trajectory", files / "est.tum", "--relations", tmp_path / "other.relations") == 1

@@ -19,6 +19,7 @@ from datasets import open_recording
 from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import EndlessDrive, OdometryNoise
 from tbmslam.configuration.slam_config import SlamConfig, preset
+from tbmslam.evaluation.relation_cycles import relation_noise
 from tbmslam.evaluation.relations import read_relations, relation_errors
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.trajectory_file import read_reference
@@ -77,6 +78,9 @@ class SlamRun:
     translation_error_m: float | None = None
     rotation_error_deg: float | None = None
     """Mean errors against the relations beside the recording; None without."""
+    relation_noise_m: float | None = None
+    relation_noise_deg: float | None = None
+    """Mean errors of these relations themselves; None where their cycles do not show them."""
     ate_m: float | None = None
     """Error against the true trajectory beside the recording; None without."""
 
@@ -139,10 +143,13 @@ def _errors(spec: RecordingSpec, drive: Drive) -> dict[str, float | None]:
     trajectory = drive.trajectory
     errors: dict[str, float | None] = {}
     if (path := beside(spec.path, ".relations")) is not None:
-        against = relation_errors(read_relations(path), trajectory)
+        relations = read_relations(path)
+        against = relation_errors(relations, trajectory)
         if len(against.translations_m):
             errors["translation_error_m"] = float(against.translations_m.mean())
             errors["rotation_error_deg"] = float(against.rotations_deg.mean())
+        if (noise := relation_noise(relations)) is not None:
+            errors["relation_noise_m"], errors["relation_noise_deg"] = noise.translation_m, noise.rotation_deg
     path = beside(spec.path, ".truth.tum") or beside(spec.path, ".gt.laser.poses")
     if path is not None:
         truth = read_reference(path).of_robot(drive.keyframes.mounting())
@@ -156,7 +163,8 @@ LOST_M = 0.5
 NOTES = f"""\
 scans/s: scans per CPU second of the process without reading. read/s, finish/s: scans per CPU second of this part
 (finish: closing loops and rendering). times real time: duration of the recording divided by the wall time,
-including reading. mean error: of the true relations. A first run, which is not counted, fills numba's cache. Each
+including reading. mean error: of the true relations. relation noise: mean error of these relations themselves, by the
+errors of their cycles. A first run, which is not counted, fills numba's cache. Each
 process first maps {WARM_UP_SCANS} scans and a short simulated drive, which loads the compiled code."""
 
 
@@ -278,6 +286,8 @@ def _row(result: Result) -> dict[str, str]:
         "peak MB": number(run.peak_memory_mb, 0),
         "mean error m": number(run.translation_error_m, 4),
         "mean error deg": number(run.rotation_error_deg, 3),
+        "relation noise m": number(run.relation_noise_m, 4),
+        "relation noise deg": number(run.relation_noise_deg, 3),
         "ATE m": number(run.ate_m, 4),
         "keyframes": str(run.keyframes),
     }
