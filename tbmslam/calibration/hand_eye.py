@@ -39,6 +39,9 @@ class SensorPlace(NamedTuple):
     """Standard deviations of the same."""
     scale: float
     """Distance by odometry divided by distance by scans."""
+    lag: float
+    """Time by which the odometry at a scan is too old [s]."""
+    lag_deviation: float
 
 
 class Motions(NamedTuple):
@@ -70,7 +73,8 @@ def sensor_place(motions: Motions, parts: int, least: int) -> SensorPlace | None
     scale = max(math.hypot(whole[2], whole[3]), _LEAST_SCALE)
     x, y, *_ = (whole / scale).tolist()
     deviation_x, deviation_y, *turn, _ = (deviations / scale).tolist()
-    return SensorPlace((x, y, math.atan2(whole[3], whole[2])), (deviation_x, deviation_y, max(turn)), scale)
+    pose = x, y, math.atan2(whole[3], whole[2])
+    return SensorPlace(pose, (deviation_x, deviation_y, max(turn)), scale, float(whole[4]), float(deviations[4]))
 
 
 def motions_of(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray) -> Motions:

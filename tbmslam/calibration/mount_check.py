@@ -18,8 +18,8 @@ from tbmslam.calibration.hand_eye import (
     FREE,
     LEAST_ERROR,
     Motions,
+    SensorPlace,
     deviations_of_parts,
-    sensor_place,
     solved,
 )
 from tbmslam.frozen_config import FrozenConfig
@@ -48,8 +48,13 @@ class MountCheckConfig(FrozenConfig):
     turning: float = Field(2.0 * math.pi, gt=0, description="least total rotation for a laser upside down [rad]")
 
 
-def mount_warning(keyframes: Keyframes, motions: Motions, config: MountCheckConfig) -> str | None:
-    """Return a warning if the motions of odometry and scans contradict the stated mount of the laser, else None."""
+def mount_warning(
+    keyframes: Keyframes, motions: Motions, place: SensorPlace | None, config: MountCheckConfig
+) -> str | None:
+    """Return a warning if the motions of odometry and scans contradict the stated mount of the laser, else None.
+
+    `place` is the mount that was estimated from them.
+    """
     if not config.enabled or len(keyframes) < 2 or np.ptp(keyframes.sensor_poses, axis=0).any():
         return None
     if _is_upside_down(motions.turns[:, 0], motions.turns[:, 1], config):
@@ -57,7 +62,6 @@ def mount_warning(keyframes: Keyframes, motions: Motions, config: MountCheckConf
             "the scans turn left where the odometry turns right: the laser hangs upside down, and the map is a mirror "
             "image (--upside-down; --no-upside-down where tf says so), or the odometry is wrong (--odometry none)"
         )
-    place = sensor_place(motions, config.parts, config.motions)
     if place is None or not 1.0 / (1.0 + config.scale) <= place.scale <= 1.0 + config.scale:
         return None
     stated, limits = keyframes.sensor_poses[0].tolist(), (config.distance, config.distance, config.angle)

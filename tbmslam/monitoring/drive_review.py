@@ -1,4 +1,4 @@
-"""Checks of a whole drive: its speed, undetermined motion, the scale of the odometry and the mount of the laser."""
+"""Checks of a whole drive: its speed, undetermined motion, scale of the odometry, mount and clock of the laser."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbmslam.calibration.hand_eye import motions_of
+from tbmslam.calibration.clock_check import clock_warning
+from tbmslam.calibration.hand_eye import motions_of, sensor_place
 from tbmslam.calibration.mount_check import MountChange, MountCheckConfig, mount_changes, mount_warning
 from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.geometry.trajectory import Trajectory, elapsed_times
@@ -175,7 +176,7 @@ class DriveReview:
     def _mount_warnings(
         self, trajectory: Trajectory, keyframes: Keyframes, odometry_poses: FloatArray
     ) -> list[EndWarning]:
-        """Return the warnings for the mount of the laser; its mean is checked only if it never changed."""
+        """Return the warnings for mount and clock of the laser; means are checked only if the mount never changed."""
         if not self._mount.enabled or len(keyframes) < 2:
             return []
         sensors = keyframes.all_sensor_poses()
@@ -187,8 +188,9 @@ class DriveReview:
                 float(trajectory.stamps[-1]) + _TIME_STEP_S,
             ]
             return [self._change_warning(changes[: number + 1], ends, keyframes) for number in range(len(changes))]
-        text = mount_warning(keyframes, motions, self._mount)
-        return [EndWarning("mount", text)] if text else []
+        place = sensor_place(motions, self._mount.parts, self._mount.motions)
+        texts = {"mount": mount_warning(keyframes, motions, place, self._mount), "clock": clock_warning(place)}
+        return [EndWarning(name, text) for name, text in texts.items() if text]
 
     def _change_warning(
         self, changes: Sequence[MountChange], ends: Sequence[float], keyframes: Keyframes

@@ -66,6 +66,8 @@ def test_a_clock_that_lags_is_no_wrong_place(drive, generator):
     ahead = np.column_stack((0.3 * speeds, np.zeros(STEPS), 0.3 * rates))
     place = sensor_place(motions_of(stamps, poses, seen_from(compose(poses, ahead), generator)), 6, 8)
     assert place.pose == pytest.approx(PLACE, abs=0.04)
+    assert place.lag == pytest.approx(0.3, abs=0.04)
+    assert abs(place.lag - 0.3) < 4.0 * place.lag_deviation < 0.12
 
 
 def test_where_the_robot_never_turns_the_place_is_open_but_not_its_turn(generator):

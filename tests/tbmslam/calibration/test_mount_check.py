@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tbmslam.calibration.hand_eye import motions_of
+from tbmslam.calibration.hand_eye import motions_of, sensor_place
 from tbmslam.calibration.mount_check import MountCheckConfig, mount_warning
 from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.map.keyframes import Keyframes
@@ -23,7 +23,8 @@ def winding(turning=0.5):
 
 
 def warning(keyframes, odometry, config):
-    return mount_warning(keyframes, motions_of(keyframes.stamps, odometry, keyframes.all_sensor_poses()), config)
+    motions = motions_of(keyframes.stamps, odometry, keyframes.all_sensor_poses())
+    return mount_warning(keyframes, motions, sensor_place(motions, config.parts, config.motions), config)
 
 
 def doubt(stated, generator, odometry=None, turning=0.5, config=CONFIG):
