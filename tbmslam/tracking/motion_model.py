@@ -7,6 +7,7 @@ from tbmslam.kernels.surfels.determined import determined_of_robot
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.tracking.constant_velocity import OLD, ConstantVelocity, part_of
 from tbmslam.tracking.motion_config import MotionConfig
+from tbmslam.tracking.odometry_lag import OdometryLag
 from tbmslam.tracking.odometry_noise import Deviations, OdometryNoise
 from tbmslam.tracking.tracker import PosePrior
 
@@ -29,7 +30,7 @@ class MotionModel:
         self._T_odom_robot: SE2 | None = None
         self._ahead, self._impossible = 0.0, 0
         self._step, self._jumped = (0.0, 0.0), False
-        self._noise = OdometryNoise(config.odometry)
+        self._noise, self._lag = OdometryNoise(config.odometry), OdometryLag(config.odometry.learning)
         # The odometry's frame at the last keyframe, and the odometry's distance and turn since then.
         self._T_map_odom = SE2.identity()
         self._distance, self._turn = 0.0, 0.0
@@ -41,7 +42,7 @@ class MotionModel:
 
         The first reading lies at its odometry pose, so the map's frame is the odometry's frame of that moment.
         """
-        now, before = reading.T_odom_robot, self._T_odom_robot
+        now, before = self._lag.pose_at(reading), self._T_odom_robot
         inertia = self._inertia
         if inertia.stamp is None:
             start = now or SE2.identity()
@@ -82,9 +83,10 @@ class MotionModel:
             return SE2.identity()
         if reading.T_odom_robot is not None and reading.T_odom_swept is not None:
             return reading.T_odom_robot.to(reading.T_odom_swept)
-        if self._inertia.stamp is None or reading.T_odom_robot is None or self._T_odom_robot is None:
+        now, before = self._lag.pose_at(reading), self._T_odom_robot
+        if self._inertia.stamp is None or now is None or before is None:
             return self._inertia.motion(duration)
-        step, since = self._T_odom_robot.to(reading.T_odom_robot), self._inertia.since(reading.scan.stamp)
+        step, since = before.to(now), self._inertia.since(reading.scan.stamp)
         return part_of(step, duration / since) if 0.0 < since <= OLD else SE2.identity()
 
     def motion_to(self, reading: Reading, T_map_robot: SE2, duration: float) -> SE2:
@@ -97,7 +99,7 @@ class MotionModel:
         A lost scan contradicts its prior. Without odometry the prior is the last motion, which is then forgotten.
         Otherwise a robot whose scans do not fit circles for minutes (fr-clinic without odometry).
         """
-        now, before = reading.T_odom_robot, self._T_odom_robot
+        now, before = self._lag.pose_at(reading), self._T_odom_robot
         if self._inertia.stamp is None:
             self.begin_at_keyframe(reading, T_map_robot)
         else:
@@ -126,7 +128,7 @@ class MotionModel:
         self._T_odom_robot = now
 
     def learn(self, prior: PosePrior, T_map_robot: SE2, information: FloatArray | None, T_robot_sensor: SE2) -> None:
-        """Learn the odometry's noise from the registered pose of a keyframe.
+        """Learn the noise and the lag of the odometry from the registered pose of a keyframe.
 
         `information` (3, 3) is that of the scan on the laser's pose in the map's frame; None if it is unknown.
         """
@@ -135,10 +137,12 @@ class MotionModel:
             self._of_keyframe = along * along, across * across, turn * turn
             return
         determined = determined_of_robot(information, prior.deviations, prior.mean.theta, (*T_robot_sensor,))
+        error = prior.mean.to(T_map_robot)
         if prior.by_odometry:
-            self._noise.learn((*prior.mean.to(T_map_robot),), prior.deviations, prior.motion, determined)
+            self._lag.learn(error.theta, prior.deviations[2], determined[2])
+            self._noise.learn((*error,), prior.deviations, prior.motion, determined)
         else:
-            self._inertia.learn(prior.mean.to(T_map_robot).theta, prior.deviations[2], determined[2])
+            self._inertia.learn(error.theta, prior.deviations[2], determined[2])
         (along, across, turn), (a, b, c) = determined, prior.deviations
         self._of_keyframe = (1.0 - along) * a * a, (1.0 - across) * b * b, (1.0 - turn) * c * c
 
@@ -153,7 +157,8 @@ class MotionModel:
         return _with_variances(prior.motion if prior.by_odometry else _NONE, self._variances)
 
     def _begin(self, reading: Reading, T_map_robot: SE2) -> None:
-        self._T_map_odom = T_map_robot @ (reading.T_odom_robot or SE2.identity()).inverse()
+        self._T_map_odom = T_map_robot @ (self._lag.pose_at(reading) or SE2.identity()).inverse()
+        self._lag.begin_at_keyframe()
         self._distance, self._turn = 0.0, 0.0
 
     def _beyond(self) -> float:

@@ -175,14 +175,15 @@ def test_few_hits_among_trees_do_not_overrule_odometry(shared_data, monkeypatch,
     assert least < relation_errors(relations, trajectory).translations_m.mean() < most
 
 
-@pytest.mark.parametrize(("is_fused", "least", "most"), [(True, 0.0, 0.72), (False, 0.73, 1.0)])
+@pytest.mark.parametrize(("is_fused", "least", "most"), [(True, 0.0, 0.735), (False, 0.74, 1.0)])
 def test_headings_among_trees_need_odometry_that_drifts_less(shared_data, monkeypatch, is_fused, least, most):
-    """Ablation of `tbmslam.loop_closure.odometry_headings` on fr-clinic."""
+    """Ablation of `tbmslam.loop_closure.odometry_headings` on fr-clinic, from three starts."""
     if not is_fused:
         monkeypatch.setattr(OdometryHeadings, "fused", lambda *_: None)
-    readings = open_recording([shared_data / "fr-clinic/fr-clinic.bag"], RecordingOptions())
+    readings = list(open_recording([shared_data / "fr-clinic/fr-clinic.bag"], RecordingOptions()))
     relations = read_relations(shared_data / "fr-clinic/fr-clinic.relations")
-    assert least < relation_errors(relations, trajectory_of(readings)).rotations_deg.mean() < most
+    drives = [trajectory_of(readings[start:]) for start in (0, 40, 80)]
+    assert least < np.mean([relation_errors(relations, drive).rotations_deg.mean() for drive in drives]) < most
 
 
 @pytest.mark.parametrize(("is_estimated", "least", "most"), [(True, 0.0, 0.1), (False, 0.3, 20.0)])

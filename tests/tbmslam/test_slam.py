@@ -17,7 +17,7 @@ from tbmslam.loop_closure import loose_steps
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.segmentation import in_frame
 from tbmslam.slam import Slam
-from tbmslam.tracking import odometry_fault, surfel_tracker
+from tbmslam.tracking import odometry_fault, odometry_lag, surfel_tracker
 from tbmslam.tracking.constant_velocity import ConstantVelocity
 
 
@@ -315,6 +315,34 @@ def test_a_laser_that_sees_a_metre_needs_to_know_how_good_the_odometry_is(drive_
     stated = ate(robot, mapped(readings, changed(SlamConfig(), {"motion": {"odometry": {"learning": False}}})))
     assert learning < 0.4 * stated
     assert learning < 0.08
+
+
+def _errors_of_a_narrow_view(drive_in, late: int) -> list[float]:
+    """Return the ATE [m] of drives with 30 degrees of view, where the odometry comes some scans of 0.2 s late."""
+    errors = []
+    for seed in range(4):
+        robot = drive_in("apartment", 60.0, odometry="good", seed=seed)
+        sees = np.abs(np.arange(len(robot.readings[0].scan.ranges)) - 90) < 15
+        readings = [
+            replace(r, scan=replace(r.scan, ranges=np.where(sees, r.scan.ranges, np.inf))) for r in robot.readings
+        ]
+        odometry = [r.T_odom_robot for r in readings]
+        pairs = zip(readings[late:], odometry, strict=False)
+        errors.append(ate(robot, mapped([replace(r, T_odom_robot=pose) for r, pose in pairs])))
+    return errors
+
+
+def test_odometry_that_comes_late_is_moved_to_the_time_of_the_scans(drive_in):
+    assert max(_errors_of_a_narrow_view(drive_in, 1)) < 0.12
+
+
+@pytest.mark.slow
+def test_odometry_that_comes_late_needs_the_estimate_of_its_lag(drive_in, monkeypatch):
+    """Ablation of `tbmslam.tracking.odometry_lag`, which changes nothing where odometry comes in time."""
+    in_time, late = (np.mean(_errors_of_a_narrow_view(drive_in, number)) for number in (0, 1))
+    monkeypatch.setattr(odometry_lag, "_USUAL", 1e-9)
+    assert in_time < 1.1 * np.mean(_errors_of_a_narrow_view(drive_in, 0)) < 0.04
+    assert late < 0.3 * np.mean(_errors_of_a_narrow_view(drive_in, 1))
 
 
 def _ate_with_a_gap(drive_in) -> float:

@@ -163,7 +163,7 @@ def test_a_keyframe_forgets_how_the_robot_came_there():
     assert model.deviations_since_keyframe(far) == pytest.approx(far.deviations)
     model.begin_at_keyframe(reading(2.0, SE2.exp(0.4, 0.0, 0.2)), far.mean)
     near = model.predict(reading(2.1, SE2.exp(0.4, 0.0, 0.2)))
-    assert near.deviations == (0.005, 0.005, 0.005)
+    assert near.deviations == pytest.approx((0.005, 0.005, 0.005))
     assert model.deviations_since_keyframe(near) == pytest.approx(near.deviations)
 
 
