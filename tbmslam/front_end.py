@@ -71,7 +71,7 @@ class FrontEnd:
         return self._tracker.is_novel(placement.match) or self._has_moved_to(placement.T_map_robot)
 
     def learn(self, placement: Placement, index: int) -> TrackedKeyframe:
-        """Insert a scan into the tracker's map, learn the odometry's noise, and return the keyframe."""
+        """Insert a scan into the tracker's map, learn the noise of the motion, and return the keyframe."""
         reading, scan, prior, match, T_map_robot = placement
         self._tracker.learn(scan, match)
         motion = self._information_since_keyframe(placement) if index else _AT_START

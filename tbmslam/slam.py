@@ -168,8 +168,8 @@ class Slam:
 
     def _review(self, trajectory: Trajectory, keyframes: Keyframes) -> None:
         """Check the whole drive, with keyframes at their final poses and as they were tracked, and warn."""
-        config, scale = self.config, self._corrections.odometry_scale
-        review = DriveReview(config.mount_check, config.odometry_check, self.start_stamp, scale)
+        config = self.config
+        review = DriveReview(config.mount_check, config.odometry_check, self.start_stamp, self._corrections)
         warnings = review.warnings(trajectory, keyframes, self._drive.buffer.keyframes)
         if self._drive.finding is not None:
             self._drive.monitor.warn_of_whole_drive("reading", self._drive.finding, self.start_stamp)

@@ -31,7 +31,7 @@ FREE = np.diag([1e-9, 1e-9, 1e-9, 1e-9, 1e-4])
 
 
 class SensorPlace(NamedTuple):
-    """The estimated pose of a laser on the robot."""
+    """The estimated pose of a laser on the robot, and the scale and the lag of the odometry."""
 
     pose: tuple[float, float, float]
     """T_robot_sensor: x, y [m], theta [rad]."""
@@ -42,6 +42,7 @@ class SensorPlace(NamedTuple):
     lag: float
     """Time by which the odometry at a scan is too old [s]."""
     lag_deviation: float
+    """Standard deviation of the lag [s]."""
 
 
 class Motions(NamedTuple):

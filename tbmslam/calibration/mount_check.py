@@ -33,7 +33,7 @@ class MountCheckConfig(FrozenConfig):
 
     PUBLIC: ClassVar = ("enabled",)
 
-    enabled: bool = Field(True, description="compare odometry and scans with the stated mount")
+    enabled: bool = Field(True, description="check the stated mount and the clocks by odometry and scans")
     parts: int = Field(6, ge=2, description="parts of a drive from which the mount is estimated separately")
     motions: int = Field(8, ge=2, description="least number of motions of half a metre of each part")
     distance: float = Field(

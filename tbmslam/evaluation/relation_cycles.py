@@ -10,13 +10,13 @@ from tbmslam.evaluation.relations import Relations
 from tbmslam.geometry.se2 import SE2
 
 _LEAST_CYCLES = 20
-"""With fewer cycles the mean is too uncertain: its standard deviation would be above a sixth."""
+"""With fewer cycles the relative standard deviation of the mean exceeds a sixth."""
 _EXACT = 1e-4
 """Cycles that close better come from one trajectory and say nothing about its error [m]; files have five decimals."""
 
 
 class RelationNoise(NamedTuple):
-    """Mean errors of single relations. No estimate of the motions can have smaller ones in the mean."""
+    """Mean errors of the relations that form cycles; they may differ from those of all relations."""
 
     translation_m: float
     rotation_deg: float

@@ -15,6 +15,7 @@ from tbmslam.kernels import BoolArray, IntArray
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.monitoring.incidents import EndWarning
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig, odometry_scale
+from tbmslam.sensing.laser_scan import Corrections
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, informations, odometry
 
 _SPAN_S, _STEP_S = 10.0, 1.0
@@ -150,14 +151,13 @@ _TIME_STEP_S = 0.1  # step of the times in warnings [s]; the end of `--interval`
 
 
 class DriveReview:
-    """Checks a whole drive, whose warnings have times since `started` [s].
+    """Checks a whole drive, whose warnings have times since `started` [s]; `corrections` were applied to it."""
 
-    `scale` is the factor by which the lengths of the odometry were multiplied.
-    """
-
-    def __init__(self, mount: MountCheckConfig, lengths: OdometryCheckConfig, started: float, scale: float) -> None:
+    def __init__(
+        self, mount: MountCheckConfig, lengths: OdometryCheckConfig, started: float, corrections: Corrections
+    ) -> None:
         self._mount, self._lengths = mount, lengths
-        self._started, self._scale = started, scale
+        self._started, self._corrections = started, corrections
 
     def warnings(
         self, trajectory: Trajectory, keyframes: Keyframes, tracked: Sequence[TrackedKeyframe]
@@ -170,13 +170,13 @@ class DriveReview:
             found.append(EndWarning("speed", fast.warning(), fast.stamp, all_along=False))
         ratio = odometry_scale(tracked, odometry_poses, self._lengths.scale, self._lengths.lengths)
         if ratio != 1.0:
-            found.append(EndWarning("scale", _scale_warning(ratio, self._scale)))
+            found.append(EndWarning("scale", _scale_warning(ratio, self._corrections.odometry_scale)))
         return found + self._mount_warnings(trajectory, keyframes, odometry_poses)
 
     def _mount_warnings(
         self, trajectory: Trajectory, keyframes: Keyframes, odometry_poses: FloatArray
     ) -> list[EndWarning]:
-        """Return the warnings for mount and clock of the laser; means are checked only if the mount never changed."""
+        """Return the warnings for mount and clock of the laser; their means are checked only if it never changed."""
         if not self._mount.enabled or len(keyframes) < 2:
             return []
         sensors = keyframes.all_sensor_poses()
@@ -188,9 +188,15 @@ class DriveReview:
                 float(trajectory.stamps[-1]) + _TIME_STEP_S,
             ]
             return [self._change_warning(changes[: number + 1], ends, keyframes) for number in range(len(changes))]
+        if np.ptp(keyframes.sensor_poses, axis=0).any():
+            return []
         place = sensor_place(motions, self._mount.parts, self._mount.motions)
-        texts = {"mount": mount_warning(keyframes, motions, place, self._mount), "clock": clock_warning(place)}
-        return [EndWarning(name, text) for name, text in texts.items() if text]
+        text = mount_warning(keyframes, motions, place, self._mount)
+        found = [EndWarning("mount", text)] if text else []
+        # A wrong mount explains part of the lag.
+        if place is not None and not found and (late := clock_warning(place, self._corrections.clock_offset)):
+            found.append(EndWarning("clock", late))
+        return found
 
     def _change_warning(
         self, changes: Sequence[MountChange], ends: Sequence[float], keyframes: Keyframes

@@ -151,3 +151,5 @@ class Corrections(NamedTuple):
     """Factor by which the lengths of the odometry were multiplied."""
     angle_step: bool = False
     """Whether the user stated the angle between beams."""
+    clock_offset: float = 0.0
+    """Added to the stamp of each scan before odometry was looked up, also if it was detected [s]."""

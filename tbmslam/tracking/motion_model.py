@@ -128,7 +128,7 @@ class MotionModel:
         self._T_odom_robot = now
 
     def learn(self, prior: PosePrior, T_map_robot: SE2, information: FloatArray | None, T_robot_sensor: SE2) -> None:
-        """Learn the noise and the lag of the odometry from the registered pose of a keyframe.
+        """Learn noise and lag of the odometry, or the noise of turning without it, from the pose of a keyframe.
 
         `information` (3, 3) is that of the scan on the laser's pose in the map's frame; None if it is unknown.
         """

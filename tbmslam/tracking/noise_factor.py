@@ -10,6 +10,9 @@ import math
 _LEAST, _MOST = 0.05, 20.0
 """Bounds of the factor: scans themselves err by a few millimetres from keyframe to keyframe."""
 
+_FORGOTTEN = 1e-6
+"""Weight of all corrections below which the factor stays as it is."""
+
 _OWN = 0.1
 """Share of the variance of a correction that the motion explains, below which the correction counts less. After a gap
 in the scans the keyframe's own pose explains nearly all. If it counted fully, the odometry of mit-csail would be taken
@@ -37,4 +40,5 @@ class NoiseFactor:
         squares = self._kept * self._squares + counts * (weight * error * error - explained) / (own * own)
         determined = self._kept * self._determined + counts * share
         self._squares, self._determined = squares, determined
-        self.value = math.sqrt(min(max(squares / max(determined, 1e-9), _LEAST**2), _MOST**2))
+        if determined > _FORGOTTEN:  # both sums fade where nothing is learnt
+            self.value = math.sqrt(min(max(squares / determined, _LEAST**2), _MOST**2))

@@ -27,7 +27,9 @@ class OdometryNoiseConfig(FrozenConfig):
     heading_floor: float = Field(0.005, gt=0, description="heading deviation of any motion [rad]")
     heading_per_metre: float = Field(0.05, ge=0, description="heading deviation per travelled metre [rad/m]")
     heading_per_radian: float = Field(0.1, ge=0, description="heading deviation per turned radian [rad/rad]")
-    learning: bool = Field(True, description="learn from scans by which factor the deviations differ")
+    learning: bool = Field(
+        True, description="estimate the odometry's noise and lag from scans, or the noise of turning without it"
+    )
     memory: float = Field(100.0, gt=0, description="number of keyframes over which the factors are learnt")
     certainty: float = Field(3.0, gt=0, description="weight of the stated deviations, as a number of keyframes")
 

@@ -80,7 +80,7 @@ class SlamRun:
     """Mean errors against the relations beside the recording; None without."""
     relation_noise_m: float | None = None
     relation_noise_deg: float | None = None
-    """Mean errors of these relations themselves; None where their cycles do not show them."""
+    """Mean errors of these relations themselves; None with too few cycles, or if they close exactly."""
     ate_m: float | None = None
     """Error against the true trajectory beside the recording; None without."""
 
@@ -163,8 +163,8 @@ LOST_M = 0.5
 NOTES = f"""\
 scans/s: scans per CPU second of the process without reading. read/s, finish/s: scans per CPU second of this part
 (finish: closing loops and rendering). times real time: duration of the recording divided by the wall time,
-including reading. mean error: of the true relations. relation noise: mean error of these relations themselves, by the
-errors of their cycles. A first run, which is not counted, fills numba's cache. Each
+including reading. mean error: of the true relations. relation noise: mean error of those relations that form cycles, by
+the errors of these cycles. A first run, which is not counted, fills numba's cache. Each
 process first maps {WARM_UP_SCANS} scans and a short simulated drive, which loads the compiled code."""
 
 

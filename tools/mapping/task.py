@@ -114,7 +114,13 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
     options = task.config.recording
-    corrections = Corrections(options.range_offset, options.odometry_scale, options.angle_step_deg is not None)
+    clock = recording.description.get("clock_offset_s")  # stated or detected; unknown in CARMEN logs
+    corrections = Corrections(
+        options.range_offset,
+        options.odometry_scale,
+        options.angle_step_deg is not None,
+        clock if isinstance(clock, float) else 0.0,
+    )
     slam = Slam(task.config.slam, task.name, progress, task.began, corrections)
     segment = task.segment
     length = segment.stop - segment.start if segment else recording.expected_scans

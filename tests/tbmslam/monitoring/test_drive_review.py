@@ -16,7 +16,7 @@ from tbmslam.monitoring.drive_review import (
     undetermined_motion,
 )
 from tbmslam.monitoring.odometry_check import OdometryCheckConfig
-from tbmslam.sensing.laser_scan import LaserScan
+from tbmslam.sensing.laser_scan import Corrections, LaserScan
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, packed
 from tbmslam.tracking.tracker import ScanMatch
 
@@ -123,12 +123,16 @@ MOUNT, STARTED = SE2(0.3, 0.0, 0.1), 1000.0
 KNOCK = math.radians(15.0)
 
 
-def drive(knocked=(), scale=1.0, odometry=True, information=ROOM):
-    """Return a trajectory and its keyframes, of a laser that is knocked at keyframes to the left."""
+def drive(knocked=(), scale=1.0, odometry=True, information=ROOM, lag=0.0):
+    """Return a trajectory and its keyframes, of a laser that is knocked at keyframes to the left.
+
+    The odometry is older than the scans by `lag` [s].
+    """
     true, kept, found = SE2.identity(), [], []
     for k in range(300):
         true = true @ SE2(0.15, 0.0, 0.15 * math.sin(k / 5.0))
-        wheels = SE2(scale * true.x, scale * true.y, true.theta)
+        old = true @ SE2(-0.3 * lag, 0.0, -0.3 * lag * math.sin(k / 5.0))
+        wheels = SE2(scale * old.x, scale * old.y, old.theta)
         sensor = true @ MOUNT @ SE2(0.0, 0.0, KNOCK * sum(k >= knock for knock in knocked))
         scan = LaserScan(STARTED + 5.0 + 0.5 * k, -1.0, 0.1, 0.1, 30.0, np.ones(20))
         match = ScanMatch(sensor, 0.9, True, information)
@@ -140,7 +144,9 @@ def drive(knocked=(), scale=1.0, odometry=True, information=ROOM):
 
 
 def drive_review_said(config=None, **kinds):
-    review = DriveReview(config or MountCheckConfig(), OdometryCheckConfig(), STARTED, 0.5)
+    review = DriveReview(
+        config or MountCheckConfig(), OdometryCheckConfig(), STARTED, Corrections(odometry_scale=0.5, clock_offset=82.0)
+    )
     return review.warnings(*drive(**kinds))
 
 
@@ -169,6 +175,15 @@ def test_a_wrong_scale_is_reported_with_its_factor():
     assert drive_review_said(scale=2.0, information=np.diag([1.0, 1.0, 1.0])) == []
 
 
+@pytest.mark.parametrize("lag", [0.2, -0.25])
+def test_clocks_that_differ_are_reported_with_the_offset_to_use(lag):
+    (warning,) = drive_review_said(lag=lag)
+    assert warning.subject == "clock"
+    # The turning speed changes between keyframes half a second apart.
+    assert float(warning.what.rpartition("--clock-offset ")[2]) == pytest.approx(82.0 + lag, abs=0.07)
+    assert {warning.subject for warning in drive_review_said(lag=lag, knocked=(150,))} == {"mount change"}
+
+
 def test_a_guessed_motion_is_reported():
     (warning,) = drive_review_said(odometry=False, information=np.diag([0.0, 4e4, 1e5]))
     assert warning.what.startswith("for 100% of the drive neither")
@@ -176,7 +191,7 @@ def test_a_guessed_motion_is_reported():
 
 def test_a_drive_of_no_readings_is_none():
     nothing = Keyframes.from_scans([], [], [])
-    review = DriveReview(MountCheckConfig(), OdometryCheckConfig(), STARTED, 1.0)
+    review = DriveReview(MountCheckConfig(), OdometryCheckConfig(), STARTED, Corrections())
     assert review.warnings(Trajectory(np.zeros(0), np.zeros((0, 3))), nothing, []) == []
 
 

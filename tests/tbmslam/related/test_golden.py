@@ -22,7 +22,7 @@ from tbmslam.related.viny_tracker import (
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 from tbmslam.slam import Slam
-from tbmslam.tracking.motion_model import MotionConfig
+from tbmslam.tracking.motion_config import MotionConfig
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "vinyslam"
 

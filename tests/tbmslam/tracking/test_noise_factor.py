@@ -14,7 +14,7 @@ def test_the_factor_is_the_ratio_of_the_true_deviation_to_the_stated_one_within_
 
 def test_a_coordinate_that_no_scan_determined_teaches_nothing():
     factor = NoiseFactor(100.0, 3.0)
-    for _ in range(300):
+    for _ in range(10_000):
         factor.learn(1.0, 0.0, 1.0, 1.0, 0.0)
     assert factor.value == pytest.approx(1.0)
 
