@@ -101,17 +101,16 @@ def test_two_robots_from_one_real_drive(shared_data, tmp_path):
     assert merged["merged"] is True
 
 
-@pytest.mark.parametrize("is_joint", [True, False])
+@pytest.mark.parametrize(("is_joint", "merged"), [(True, 5), (False, 4)])
 def test_bent_drives_merge_only_if_bridges_are_verified_after_a_joint_optimisation(
-    shared_data, tmp_path, monkeypatch, is_joint
+    shared_data, tmp_path, monkeypatch, is_joint, merged
 ):
-    """Ablation: without it two to four of five parts of aces merge, depending on how the drive is bent."""
     maps = build(tmp_path / "maps", shared_data / "aces" / "aces.bag", *ONE_DEGREE, "--robots", 5)
     if not is_joint:
         monkeypatch.setattr("merging.bridges.refutation.jointly_refined", lambda *_: None)
         monkeypatch.setattr("merging.merged_group.jointly_refined", lambda *_: None)
     parts = {folder.name: load_map(folder) for folder in map_folders(maps)}
-    assert (len(merging.merge(parts).poses) == 5) == is_joint
+    assert len(merging.merge(parts).poses) == merged
 
 
 @pytest.mark.parametrize(("is_short", "merged"), [(True, 3), (False, 2)])
@@ -176,7 +175,7 @@ def test_few_hits_among_trees_do_not_overrule_odometry(shared_data, monkeypatch,
     assert least < relation_errors(relations, trajectory).translations_m.mean() < most
 
 
-@pytest.mark.parametrize(("is_fused", "least", "most"), [(True, 0.0, 0.735), (False, 0.74, 1.0)])
+@pytest.mark.parametrize(("is_fused", "least", "most"), [(True, 0.0, 0.72), (False, 0.73, 1.0)])
 def test_headings_among_trees_need_odometry_that_drifts_less(shared_data, monkeypatch, is_fused, least, most):
     """Ablation of `tbmslam.loop_closure.odometry_headings` on fr-clinic, from three starts."""
     if not is_fused:
