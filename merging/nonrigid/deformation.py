@@ -292,13 +292,13 @@ def deform(target: WallMap, source: DeformableMap, start: SE2, config: MergeConf
 
 
 def fit_tiles(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> TileFit | None:
-    """Register the tiles of a source map near an initial pose, round by round; None if fewer than two fit."""
-    fit = TileFit(Deformation.of_rigid(start), 0.0)
+    """Register the tiles of a source map near an initial pose, round by round; None if fewer than two fit.
+
+    Where maps overlap little, fewer than two of the large tiles may fit; the small tiles then start at the pose itself.
+    """
+    fit, initial = None, Deformation.of_rigid(start)
     for tiles in source.rounds:
-        found = _registered_tiles(target, tiles, fit.deformation, config)
-        if found is None:
-            return None
-        fit = found
+        fit = _registered_tiles(target, tiles, fit.deformation if fit else initial, config)
     return fit
 
 
