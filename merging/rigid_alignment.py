@@ -21,7 +21,7 @@ _ALTERNATIVES = 4
 """Largest number of alternatives."""
 _WORTH_NAMING = 0.01
 """Least confidence of an alternative."""
-_WORTH_DEFORMING = 0.1
+WORTH_DEFORMING = 0.1
 """Least confidence of a rigid pose from which a deformation starts; one in ten pairs of different places reaches it."""
 _DECOYS = 3
 """Largest number of decoys that an alignment keeps."""
@@ -160,7 +160,7 @@ def _judged(
         reason=reason + (_mirrored(mirrored) if mirrored >= limits.min_confidence else ""),
         alternatives=tuple(others),
         decoys=tuple(decoys[:_DECOYS]),
-        starts=(*found.starts, motion) if found.starts and confidence >= _WORTH_DEFORMING else found.starts,
+        starts=(*found.starts, motion) if found.starts and confidence >= WORTH_DEFORMING else found.starts,
     )
 
 

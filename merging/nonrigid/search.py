@@ -38,7 +38,13 @@ from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses, evidence_ne
 from merging.pairwise import CompressedGrid, most_held
 from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose
 from merging.registration.features import Features
-from merging.rigid_alignment import PreparedMap, align_prepared, align_whole, comparison_resolution
+from merging.rigid_alignment import (
+    WORTH_DEFORMING,
+    PreparedMap,
+    align_prepared,
+    align_whole,
+    comparison_resolution,
+)
 from merging.scoring import confidences
 from merging.verification import Evidence
 from merging.walls import WallMap, without_walls
@@ -299,11 +305,12 @@ def _accepted(aligned: Alignment, deformed: DeformedMap, confidence: float, reas
 
 
 def may_be_deformed(refused: Alignment, config: MergeConfig) -> bool:
-    """Return whether a pair was refused although one pose stands out in the correlation.
+    """Return whether a pair was refused although one pose stands out in the correlation, or is likely as it is.
 
     The correlation tolerates some tenths of a metre, so the true pose of a deformed map stands out in it.
     """
-    return not refused.accepted and refused.lead >= config.nonrigid.min_lead
+    clear = refused.lead >= config.nonrigid.min_lead or refused.confidence >= WORTH_DEFORMING
+    return not refused.accepted and clear
 
 
 def register_pairs(found: MergeState, config: MergeConfig, executor: Executor) -> dict[Pair, NonrigidRegistration]:
