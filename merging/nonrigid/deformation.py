@@ -283,14 +283,6 @@ class TileFit:
     """Agreeing wall of the fitting tiles, less the weighted length of all other compared walls [m]."""
 
 
-def deform(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> DeformedMap | None:
-    """Deform a source map to fit a target map near an initial pose; None if fewer than two of its tiles fit."""
-    fit = fit_tiles(target, source, start, config)
-    if fit is None:
-        return None
-    return deformed_by(fit.deformation, fit.deformation.nearest_in_overlap(target, source.structure), source)
-
-
 def fit_tiles(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> TileFit | None:
     """Register the tiles of a source map near an initial pose, round by round; None if fewer than two fit.
 

@@ -32,11 +32,11 @@ from merging.config import MergeConfig
 from merging.fusion import at_resolution
 from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
-from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap, deform
+from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap
 from merging.nonrigid.deformed_model import DeformedTests
-from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses, evidence_near
+from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose
+from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose, same_place
 from merging.registration.features import Features
 from merging.rigid_alignment import (
     WORTH_DEFORMING,
@@ -57,8 +57,10 @@ logger = logging.getLogger(__name__)
 
 
 _HELD_CELLS = 1.6e7  # cells of maps with tiles that a process holds: 60 bytes each, so 1 GB
-_MUCH_MORE_LIKELY = 20.0
-"""Likelihood ratio from which evidence is strong (Kass and Raftery, "Bayes factors", JASA 90, 1995)."""
+_MUCH_MORE_LIKELY = 7.0
+"""Odds ratio from which an accepted map is deformed. Of 91 pairs of straight maps four have a larger ratio, and their
+errors change by centimetres; all of 50 pairs of deformed maps have one."""
+_LEAST_DOUBT = 1e-12  # rounding of a probability near 1
 
 
 @dataclass(frozen=True)
@@ -189,20 +191,29 @@ def register_accepted(
         found = register_accepted(source, target, rigid.reversed(), config)
         return found and found.reversed()
     fixed = target.structure
-    deformed = deform(fixed, source, rigid.T_target_source, config)
-    if deformed is None:
+    # The rigid pose may fit only a part of the overlap; the correlation tolerates the distortion.
+    starts = [rigid.T_target_source, *same_place(rigid.starts, rigid.T_target_source, source.structure)]
+    likeliest = DeformedPoses(fixed, source, config).likeliest(starts, rigid.decoys)
+    if likeliest is None:
         return None
-    structure = WallMap.from_grid(deformed.grid, config.structure)
-    evidence = evidence_near(fixed, structure, deformed.motion, config)
-    likely, rigidly = confidences([evidence, rigid.evidence], rigid.decoys)
-    if likely < _MUCH_MORE_LIKELY * rigidly:
+    motion, structure, evidence, deformed = likeliest[1]
+    if deformed is None or deformed.residual_m < 0.5 * fixed.geometry.resolution:  # hardly a cell would move
+        return None
+    odds, rigid_odds = (_odds(one, rigid.decoys) for one in (evidence, rigid.evidence))
+    if odds < _MUCH_MORE_LIKELY * rigid_odds:
         return None
     limits = config.verification.limits()
-    covariance = covariance_of(fixed, structure, deformed.motion, limits, config.covariance)
-    alignment = rigid.at(deformed.motion, evidence, rigid.confidence, covariance)
+    covariance = covariance_of(fixed, structure, motion, limits, config.covariance)
+    alignment = rigid.at(motion, evidence, rigid.confidence, covariance)
     alignment = alignment.matched_by_walls(evidence, fixed.geometry.resolution)
     reason = f"{format_evidence(evidence)}; without deformation: {rigid.reason}"
     return NonrigidRegistration(_accepted(alignment, deformed, rigid.confidence, reason), deformed.deformation)
+
+
+def _odds(evidence: Evidence, decoys: Sequence[Evidence]) -> float:
+    """Return the odds of a pose against chance."""
+    probability = confidences([evidence], decoys)[0]
+    return probability / max(1.0 - probability, _LEAST_DOUBT)
 
 
 def _register_onto(

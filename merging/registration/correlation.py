@@ -1,6 +1,7 @@
 """Registration by correlation: proposals over all rotations and shifts, refined to distinct candidates."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -316,3 +317,15 @@ def elsewhere(motions: list[SE2], scores: FloatArray, source: WallMap, count: in
     centroid = np.append(source.centroid, 0.0)
     centres = compose(np.array(motions, dtype=np.float64).reshape(-1, 3), centroid)
     return [motions[index] for index in distinct(centres, scores, _ELSEWHERE_M, _ELSEWHERE_RAD, count)]
+
+
+def same_place(motions: Sequence[SE2], motion: SE2, source: WallMap) -> list[SE2]:
+    """Return those motions that place the walls of the source where another motion does; see `elsewhere`."""
+    x, y = source.centroid.tolist()
+    centroid = SE2(x, y, 0.0)
+    T_place_target = (motion @ centroid).inverse()
+    return [other for other in motions if _is_near(T_place_target @ other @ centroid)]
+
+
+def _is_near(difference: SE2) -> bool:
+    return math.hypot(difference.x, difference.y) <= _ELSEWHERE_M and abs(difference.theta) <= _ELSEWHERE_RAD

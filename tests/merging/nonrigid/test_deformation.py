@@ -6,7 +6,8 @@ import pytest
 from merging.config import MergeConfig
 from merging.config.registration import StructureConfig
 from merging.fusion import warp
-from merging.nonrigid.deformation import DeformableMap, Deformation, deform, tiles_of
+from merging.nonrigid import deformation
+from merging.nonrigid.deformation import DeformableMap, Deformation, deformed_by, fit_tiles, tiles_of
 from merging.verification import examine
 from merging.walls import WallMap
 from tbmslam.belief.grid import TbmGrid
@@ -157,6 +158,11 @@ def agreement(target, grid, motion):
     return examine(target, structure, motion, CONFIG.verification).agreement
 
 
+def deform(target, source, start, config):
+    fit = fit_tiles(target, source, start, config)
+    return deformed_by(fit.deformation, fit.deformation.nearest_in_overlap(target, source.structure), source)
+
+
 def test_an_equal_map_is_not_deformed(rooms):
     floor = rooms(1)
     found = deform(
@@ -180,9 +186,22 @@ def test_a_distorted_map_fits_better_after_deformation():
 @pytest.mark.parametrize("elsewhere", [SE2(100.0, 0.0, 0.0), SE2(9.0, 4.0, 1.0)])
 def test_no_map_is_deformed_at_a_pose_where_few_tiles_fit(rooms, elsewhere):
     floor = rooms(1)
-    assert (
-        deform(WallMap.from_grid(floor, CONFIG.structure), DeformableMap.of(floor, CONFIG), elsewhere, CONFIG) is None
+    fixed, moving = WallMap.from_grid(floor, CONFIG.structure), DeformableMap.of(floor, CONFIG)
+    assert fit_tiles(fixed, moving, elsewhere, CONFIG) is None
+
+
+def test_small_tiles_fit_where_large_ones_overlap_too_little(monkeypatch):
+    target, source, true = bent_maps("store")
+    fixed, moving = WallMap.from_grid(target.grid, CONFIG.structure), DeformableMap.of(source.grid, MergeConfig())
+    large, small = moving.rounds[:2]
+    register = deformation._registered_tiles
+    monkeypatch.setattr(
+        deformation,
+        "_registered_tiles",
+        lambda target, tiles, *given: None if tiles is large else register(target, tiles, *given),
     )
+    found = fit_tiles(fixed, moving, true, MergeConfig())
+    assert len(found.deformation.motions) > 0.5 * len(small)
 
 
 def test_a_map_of_one_large_tile_starts_with_small_tiles(rooms):

@@ -1,10 +1,13 @@
 import itertools
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from datasets.synthetic.buildings import make_world
+from datasets.synthetic.map_pairs.distortion import Distortion
+from datasets.synthetic.map_pairs.pairs import building_of_world, cut_pairs
 from datasets.synthetic.robot.drives import plan_drives
 from merging import MergeConfig, align, merge
 from merging.alignment import Alignment, deviations, format_confidence
@@ -30,6 +33,7 @@ from tbmslam.parallel.executor import Executor
 from tests.merging.bent_floor import bent_maps
 from tests.merging.driven_map import map_of
 from tools.benchmarks.strangers import make_pair
+from tools.map_pairs.known_pair import KnownPair
 
 REFUSED = Alignment("correlation", accepted=False, reason="it fits nowhere", lead=2.0)
 OFF = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
@@ -293,13 +297,43 @@ def test_an_accepted_pair_is_deformed_if_that_is_much_more_likely():
     assert align(target, source, OFF) == rigid
 
 
-def test_an_accepted_pair_that_fits_stays_rigid(rooms, monkeypatch):
+def test_an_accepted_pair_that_fits_stays_rigid(rooms):
     part = rooms(3)
     part.masses[:, 200:] = (0.0, 0.0, 0.0, 1.0)
     pair = TbmMap(rooms(3)), TbmMap(part)
     assert align(*pair) == align_whole(*pair)
-    monkeypatch.setattr("merging.nonrigid.search._MUCH_MORE_LIKELY", 0.0)
-    assert align(*pair).reason.startswith("one map was deformed by 0.0")
+
+
+def test_an_accepted_pair_stays_rigid_unless_a_deformation_is_much_more_likely(monkeypatch):
+    target, source, _ = bent_maps("store", 0.45)
+    monkeypatch.setattr("merging.nonrigid.search._MUCH_MORE_LIKELY", 1e300)
+    assert align(target, source) == align_whole(target, source)
+
+
+def bent_pair(kind, seed, overlap, number):
+    floor = building_of_world(kind, seed)
+    draw = partial(Distortion.of_another_time, deformation_m=0.3)
+    return KnownPair.of(next(cut_pairs(floor, number, [overlap], draw)))
+
+
+def test_a_rigid_pose_that_fits_a_part_of_the_overlap_needs_the_pose_of_the_correlation(monkeypatch):
+    pair = bent_pair("apartment", 4, 0.5, 6)
+    assert not pair.is_right(align_whole(pair.target, pair.source).T_target_source)
+    assert pair.errors(align(pair.target, pair.source).T_target_source)[1] < 1.0
+    monkeypatch.setattr("merging.nonrigid.search.same_place", lambda *_: [])
+    assert pair.errors(align(pair.target, pair.source).T_target_source)[1] > 2.0
+
+
+def test_a_pair_that_is_likely_as_it_is_is_deformed_although_no_pose_stands_out(monkeypatch):
+    pair = bent_pair("store", 0, 0.35, 3)
+    rigid = align_whole(pair.target, pair.source)
+    assert not rigid.accepted
+    assert rigid.lead < MergeConfig().nonrigid.min_lead
+    found = align(pair.target, pair.source)
+    assert found.accepted
+    assert pair.is_right(found.T_target_source)
+    monkeypatch.setattr("merging.nonrigid.search.WORTH_DEFORMING", 1.0)
+    assert not align(pair.target, pair.source).accepted
 
 
 def test_a_map_that_one_alignment_joins_is_deformed_in_the_merged_map():

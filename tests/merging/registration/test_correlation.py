@@ -10,7 +10,7 @@ from merging import MergeConfig, align
 from merging.config.registration import CorrelationConfig, StructureConfig
 from merging.fusion import warp
 from merging.registration import correlation
-from merging.registration.correlation import _cell_size, _directions, _Layout, _Search, distinct, propose
+from merging.registration.correlation import _cell_size, _directions, _Layout, _Search, distinct, propose, same_place
 from merging.walls import WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -210,3 +210,13 @@ def test_scores_stay_within_their_arrays(rooms, monkeypatch, cell):
     expected = search.scores(0.3)
     monkeypatch.setattr(correlation, "multiply", correlation.multiply.py_func)
     np.testing.assert_allclose(search.scores(0.3), expected, atol=1e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("shift_m", "turn", "same"), [(0.9, 0.0, True), (1.1, 0.0, False), (0.0, 0.14, True), (0.0, -0.16, False)]
+)
+def test_a_place_is_that_of_the_centroid_of_the_walls(rooms, shift_m, turn, same):
+    source, motion = structure(rooms(3)), SE2(-31.0, 8.0, 2.5)
+    centroid = SE2(*map(float, source.centroid), 0.0)
+    other = motion @ centroid @ SE2(shift_m, 0.0, turn) @ centroid.inverse()
+    assert same_place([other], motion, source) == [other] * same
