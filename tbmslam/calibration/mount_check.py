@@ -53,10 +53,8 @@ def mount_warning(
 ) -> str | None:
     """Return a warning if the motions of odometry and scans contradict the stated mount of the laser, else None.
 
-    `place` is the mount that was estimated from them.
+    `place` is the mount that was estimated from them. The stated mount must be the same at all keyframes.
     """
-    if not config.enabled or len(keyframes) < 2 or np.ptp(keyframes.sensor_poses, axis=0).any():
-        return None
     if _is_upside_down(motions.turns[:, 0], motions.turns[:, 1], config):
         return (
             "the scans turn left where the odometry turns right: the laser hangs upside down, and the map is a mirror "

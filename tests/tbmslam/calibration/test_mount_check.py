@@ -22,12 +22,7 @@ def winding(turning=0.5):
     return np.array(poses)
 
 
-def warning(keyframes, odometry, config):
-    motions = motions_of(keyframes.stamps, odometry, keyframes.all_sensor_poses())
-    return mount_warning(keyframes, motions, sensor_place(motions, config.parts, config.motions), config)
-
-
-def doubt(stated, generator, odometry=None, turning=0.5, config=CONFIG):
+def doubt(stated, generator, odometry=None, turning=0.5):
     """Return what is said where the laser is stated to sit somewhere, and the odometry is what it is."""
     true = winding(turning)
     sensors = compose(true, np.array([TRUE])) + generator.normal(0.0, [0.003, 0.003, 0.001], true.shape)
@@ -35,7 +30,8 @@ def doubt(stated, generator, odometry=None, turning=0.5, config=CONFIG):
     scans = [replace(scan, stamp=0.3 * k) for k in range(STEPS)]
     poses = compose(sensors, inverse(np.array([stated])))
     keyframes = Keyframes.from_scans(scans, [SE2(*pose) for pose in poses], [stated] * STEPS)
-    return warning(keyframes, true if odometry is None else odometry, config)
+    motions = motions_of(keyframes.stamps, true if odometry is None else odometry, keyframes.all_sensor_poses())
+    return mount_warning(keyframes, motions, sensor_place(motions, CONFIG.parts, CONFIG.motions), CONFIG)
 
 
 @pytest.mark.parametrize(
@@ -77,17 +73,6 @@ def test_there_is_no_warning_without_odometry_or_with_other_odometry(generator):
     assert doubt(wrong, generator, np.cumsum(generator.normal(0.0, 0.1, (STEPS, 3)), axis=0)) is None
 
 
-def test_there_is_no_warning_for_a_moving_laser_or_if_disabled(generator):
-    wrong = SE2(0.25, 0.3, 0.0)
-    assert doubt(wrong, generator, config=CONFIG.model_copy(update={"enabled": False})) is None
-    scan = LaserScan(0.0, -1.0, 0.1, 0.1, 30.0, np.ones(20))
-    places = [SE2(0.25, 0.3 + 0.001 * k, 0.0) for k in range(STEPS)]
-    for steps in (STEPS, 1):
-        poses = winding()[:steps]
-        moving = Keyframes.from_scans([scan] * steps, [SE2(*pose) for pose in poses], places[:steps])
-        assert warning(moving, poses, CONFIG) is None
-
-
 def mirrored(generator, turning=0.5):
     """Return poses as scans tell them that are mirrored, as those of a laser upside down are where nobody knows."""
     flipped = winding(turning) * [1.0, -1.0, -1.0]
@@ -106,5 +91,4 @@ def test_turns_that_tell_nothing_of_upside_down(generator):
     straight = doubt(TRUE, generator, mirrored(generator, 0.0), turning=0.0)
     unlike = doubt(TRUE, generator, np.cumsum(generator.normal(0.0, 0.1, (STEPS, 3)), axis=0))
     absent = doubt(TRUE, generator, np.full((STEPS, 3), math.nan))
-    off = doubt(TRUE, generator, mirrored(generator), config=CONFIG.model_copy(update={"enabled": False}))
-    assert straight is unlike is absent is off is None
+    assert straight is unlike is absent is None

@@ -123,13 +123,15 @@ MOUNT, STARTED = SE2(0.3, 0.0, 0.1), 1000.0
 KNOCK = math.radians(15.0)
 
 
-def drive(knocked=(), scale=1.0, odometry=True, information=ROOM, lag=0.0):
+def drive(knocked=(), scale=1.0, odometry=True, information=ROOM, lag=0.0, aside=0.0, moving=0.0):
     """Return a trajectory and its keyframes, of a laser that is knocked at keyframes to the left.
 
-    The odometry is older than the scans by `lag` [s].
+    The odometry is older than the scans by `lag` [s]. The mount is stated too far left by `aside` [m], and by `moving`
+    [m] more at each keyframe.
     """
     true, kept, found = SE2.identity(), [], []
     for k in range(300):
+        stated = SE2(MOUNT.x, MOUNT.y + aside + moving * k, MOUNT.theta)
         true = true @ SE2(0.15, 0.0, 0.15 * math.sin(k / 5.0))
         old = true @ SE2(-0.3 * lag, 0.0, -0.3 * lag * math.sin(k / 5.0))
         wheels = SE2(scale * old.x, scale * old.y, old.theta)
@@ -137,8 +139,8 @@ def drive(knocked=(), scale=1.0, odometry=True, information=ROOM, lag=0.0):
         scan = LaserScan(STARTED + 5.0 + 0.5 * k, -1.0, 0.1, 0.1, 30.0, np.ones(20))
         match = ScanMatch(sensor, 0.9, True, information)
         prior = 25.0**2 * np.eye(3)
-        kept.append(TrackedKeyframe.of(k, scan, MOUNT, match, prior, wheels if odometry else None))
-        found.append(sensor @ MOUNT.inverse())
+        kept.append(TrackedKeyframe.of(k, scan, stated, match, prior, wheels if odometry else None))
+        found.append(sensor @ stated.inverse())
     keyframes = packed(kept, np.array(found))
     return Trajectory(keyframes.stamps, keyframes.poses), keyframes, kept
 
@@ -165,6 +167,14 @@ def test_a_knocked_laser_is_reported_with_its_time_and_the_remedy():
     assert "--interval 105.0 154.6 with --sensor-pose 0.30 0.00 36" in second.what
     assert not first.all_along
     assert drive_review_said(MountCheckConfig(enabled=False), knocked=(100,)) == []
+
+
+def test_a_laser_that_sits_elsewhere_is_reported_unless_it_moves_or_the_check_is_disabled():
+    (warning,) = drive_review_said(aside=0.3)
+    assert warning.subject == "mount"
+    assert warning.what.endswith("try --sensor-pose 0.30 0.00 6")
+    assert drive_review_said(aside=0.3, moving=1e-4) == []
+    assert drive_review_said(MountCheckConfig(enabled=False), aside=0.3) == []
 
 
 def test_a_wrong_scale_is_reported_with_its_factor():
