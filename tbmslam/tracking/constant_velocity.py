@@ -6,7 +6,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.tracking.motion_config import MotionConfig
 from tbmslam.tracking.noise_factor import NoiseFactor
 from tbmslam.tracking.odometry_noise import Deviations
-from tbmslam.tracking.student_t import FREEDOM
+from tbmslam.tracking.student_t import student_weight
 from tbmslam.tracking.tracker import Coasting
 
 OLD = 1.0
@@ -105,7 +105,7 @@ class ConstantVelocity:
     def learn(self, turn: float, deviation: float, share: float) -> None:
         """Learn from a correction of the heading [rad], with the deviation of the prior and the determined share."""
         if self._learning:
-            weight = (FREEDOM + 1.0) / (FREEDOM + (turn / deviation) ** 2)
+            weight = student_weight((turn / deviation) ** 2, 1)
             self._turning.learn(weight, turn, deviation, deviation, share)
 
     def _last_step(self) -> SE2:

@@ -17,7 +17,7 @@ from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.odometry_fault import OdometryFault, faulty_cost
 from tbmslam.tracking.odometry_noise import Deviations
 from tbmslam.tracking.scan_to_scan import RecentScans, ScanMotion
-from tbmslam.tracking.student_t import FREEDOM, student_cost
+from tbmslam.tracking.student_t import FREEDOM, student_cost, student_weight
 from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
 from tbmslam.tracking.tracker import Coasting, PosePrior, ScanMatch
 
@@ -178,7 +178,7 @@ class SurfelTracker:
             return _unmatched(result, prior, between, T_robot_sensor, is_lost or is_by_chance)
         if prior.by_odometry:
             self._surprise = result.surprise, faulty
-        trust = _LOST_TRUST if is_lost else (FREEDOM + 3.0) / (FREEDOM + result.surprise)
+        trust = _LOST_TRUST if is_lost else student_weight(result.surprise, 3)
         return ScanMatch(result.pose, _least_share(result), True, result.hessian, trust, is_lost)
 
     def _elsewhere(
