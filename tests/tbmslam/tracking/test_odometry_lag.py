@@ -71,12 +71,15 @@ def test_a_reading_is_moved_once():
     assert odometry.pose_at(now) is odometry.pose_at(now)
 
 
-def learnt(lag, seed=0, slips=0.0, share=1.0, turning=0.6, keyframes=200):
-    """Return the lag that is learnt from a winding drive with a keyframe each third scan."""
+def learnt(lag, seed=0, slips=0.0, share=1.0, turning=0.6, circling=0.0, drift=0.0, keyframes=200):
+    """Return the lag that is learnt from a winding drive with a keyframe each third scan.
+
+    The robot also turns by `circling` [rad/s] all along, and the odometry lacks `drift` [rad] at each keyframe.
+    """
     odometry, generator, deviation = OdometryLag(), np.random.default_rng(seed), 0.01
 
     def heading(stamp):
-        return turning * 2.0 * math.sin(0.5 * stamp)
+        return turning * 2.0 * math.sin(0.5 * stamp) + circling * stamp
 
     missing = 0.0  # rotation that the odometry lacks at the last keyframe
     for k in range(3 * keyframes):
@@ -85,7 +88,7 @@ def learnt(lag, seed=0, slips=0.0, share=1.0, turning=0.6, keyframes=200):
         if k % 3:
             continue
         lacking = heading(stamp) - heading(stamp - lag) - odometry.value * np.nan_to_num(odometry._rate)
-        noise = generator.normal(0.0, deviation) + (0.8 if generator.uniform() < slips else 0.0)
+        noise = generator.normal(drift, deviation) + (0.8 if generator.uniform() < slips else 0.0)
         if k:
             odometry.learn(share * (lacking - missing + noise), deviation, share)
         odometry.begin_at_keyframe()
@@ -104,5 +107,6 @@ def test_slipping_wheels_are_no_lag():
     assert [learnt(0.05, seed, slips=0.05) for seed in range(5)] == pytest.approx([0.05] * 5, abs=0.02)
 
 
-def test_nothing_is_learnt_where_the_robot_does_not_turn():
-    assert learnt(0.2, turning=0.0) == pytest.approx(0.0, abs=1e-12)
+@pytest.mark.parametrize("circling", [0.0, 0.5])
+def test_nothing_is_learnt_where_the_turning_speed_stays_the_same(circling):
+    assert learnt(0.2, turning=0.0, circling=circling, drift=0.02) == pytest.approx(0.0, abs=1e-9)
