@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.tracking.odometry_lag import OdometryLag
 
@@ -81,18 +81,19 @@ def learnt(lag, seed=0, slips=0.0, share=1.0, turning=0.6, circling=0.0, drift=0
     def heading(stamp):
         return turning * 2.0 * math.sin(0.5 * stamp) + circling * stamp
 
-    missing = 0.0  # rotation that the odometry lacks at the last keyframe
+    keyframe, there = SE2.identity(), 0.0
     for k in range(3 * keyframes):
-        stamp = STEP * k
-        odometry.pose_at(reading(stamp, SE2(0.1 * k, 0.0, heading(stamp - lag))))
+        now = reading(STEP * k, SE2(0.1 * k, 0.0, heading(STEP * k - lag)))
+        pose = odometry.pose_at(now)
         if k % 3:
             continue
-        lacking = heading(stamp) - heading(stamp - lag) - odometry.value * np.nan_to_num(odometry._rate)
+        here = heading(now.scan.stamp)
         noise = generator.normal(drift, deviation) + (0.8 if generator.uniform() < slips else 0.0)
         if k:
-            odometry.learn(share * (lacking - missing + noise), deviation, share)
+            odometry.learn(share * (wrap_angle(here - there - keyframe.to(pose).theta) + noise), deviation, share)
+        # As in the motion model: what was learnt just now does not move this pose.
+        keyframe, there = odometry.pose_at(now), here
         odometry.begin_at_keyframe()
-        missing = heading(stamp) - heading(stamp - lag) - odometry.value * np.nan_to_num(odometry._rate)
     return odometry.value
 
 
