@@ -25,8 +25,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
-import numpy as np
-
 from merging.alignment import Alignment, Pair, bent_by, covariance_of, format_confidence, format_evidence
 from merging.config import MergeConfig
 from merging.fusion import at_resolution
@@ -34,9 +32,10 @@ from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap
 from merging.nonrigid.deformed_model import DeformedTests
-from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses
+from merging.nonrigid.hypotheses import DeformedPoses
+from merging.nonrigid.rivals import DeformedRivals, first_apart
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import Proposals, best_of, elsewhere, lead_of, propose, same_place
+from merging.registration.correlation import Proposals, lead_of, propose, same_place
 from merging.registration.features import Features
 from merging.rigid_alignment import (
     WORTH_DEFORMING,
@@ -47,7 +46,7 @@ from merging.rigid_alignment import (
 )
 from merging.scoring import confidences
 from merging.verification import Evidence
-from merging.walls import WallMap, without_walls
+from merging.walls import without_walls
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
@@ -61,45 +60,6 @@ _MUCH_MORE_LIKELY = 7.0
 """Odds ratio from which an accepted map is deformed. Of 91 pairs of straight maps four have a larger ratio, and their
 errors change by centimetres; all of 50 pairs of deformed maps have one."""
 _LEAST_DOUBT = 1e-12  # rounding of a probability near 1
-
-
-@dataclass(frozen=True)
-class DeformedRivals:
-    """The evidence for a pose and for its rivals, each after the map was deformed to fit there."""
-
-    motions: Sequence[SE2]
-    """T_target_source (K,) of the deformed maps; the pose in question is the first."""
-    evidence: Sequence[Evidence]
-    """The evidence for each of them (K,)."""
-    decoys: Sequence[Evidence]
-    """The evidence for poses of the mirror image (D,)."""
-
-    @classmethod
-    def of(cls, poses: DeformedPoses, pose: DeformedPose, proposals: list[SE2]) -> "DeformedRivals":
-        """Deform a map at the rivals of a pose, and deform its mirror image at the best poses of the image.
-
-        Rivals that end at the same place, or at the place of the tested pose, count once.
-        """
-        target, config = poses.target, poses.config
-        mirror = DeformableMap.of(poses.source.grid.mirrored(), config)
-        mirrored = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
-        rivals = [pose, *poses.best(_rivals(target, poses.source, proposals, config))]
-        evidence = {rival.motion: rival.evidence for rival in rivals}
-        motions = first_apart(list(evidence), poses.source.structure, len(evidence))
-        decoys = [decoy.evidence for decoy in DeformedPoses(target, mirror, config).best(mirrored)]
-        return cls(motions, [evidence[motion] for motion in motions], decoys)
-
-
-def first_apart(poses: list[SE2], source: WallMap, count: int) -> list[SE2]:
-    """Return the first poses, at most `count`, without those near an earlier one."""
-    return elsewhere(poses, -np.arange(len(poses), dtype=np.float64), source, count)
-
-
-def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config: MergeConfig) -> list[SE2]:
-    """Return the first proposals, and the proposals that fit best without deformation."""
-    fitting = [pose for pose, _ in best_of(proposals, target, source.structure, config)]
-    rivals = [*first_apart(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
-    return first_apart(rivals, source.structure, len(rivals))
 
 
 @dataclass(frozen=True)

@@ -26,3 +26,10 @@ def bent_maps(kind: str, bend_m: float = 0.6) -> tuple[TbmMap, TbmMap, SE2]:
         made.append(TbmMap(grid_of_occupancy(distorted.occupancy, floor.resolution, origin)))
         frames.append(SE2(*origin, 0.0) @ distorted.T_map_building)
     return made[0], made[1], frames[0] @ frames[1].inverse()
+
+
+def errors(motion: SE2, true: SE2, one: TbmMap) -> tuple[float, float]:
+    """Return the error of a transform at the middle of a map [m], [rad]."""
+    middle = np.array([np.mean(one.grid.geometry.bounds()[i::2]) for i in range(2)])
+    apart = np.hypot(*(motion.apply(middle) - true.apply(middle)))
+    return float(apart), abs((true.inverse() @ motion).theta)

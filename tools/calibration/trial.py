@@ -9,7 +9,7 @@ import numpy as np
 from merging.config import MergeConfig
 from merging.nonrigid.deformation import DeformableMap
 from merging.nonrigid.hypotheses import DeformedPoses
-from merging.nonrigid.search import DeformedRivals, first_apart
+from merging.nonrigid.rivals import DeformedRivals, first_apart
 from merging.registration.correlation import find_candidates, propose
 from merging.rigid_alignment import prepared
 from merging.scoring import ConfidenceModel, features, find_decoys, measured

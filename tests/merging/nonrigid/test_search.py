@@ -14,9 +14,7 @@ from merging.alignment import Alignment, deviations, format_confidence
 from merging.map_graph.grouping import Group
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, fit_tiles
-from merging.nonrigid.hypotheses import DeformedPoses
 from merging.nonrigid.search import (
-    DeformedRivals,
     attempts,
     deformable,
     peak_of,
@@ -30,20 +28,13 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
-from tests.merging.bent_floor import bent_maps
+from tests.merging.bent_floor import bent_maps, errors
 from tests.merging.driven_map import map_of
 from tools.benchmarks.strangers import make_pair
 from tools.map_pairs.known_pair import KnownPair
 
 REFUSED = Alignment("correlation", accepted=False, reason="it fits nowhere", lead=2.0)
 OFF = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
-
-
-def errors(motion, true, one):
-    """The error of a transform at the middle of a map [m], [rad]."""
-    middle = np.array([np.mean(one.grid.geometry.bounds()[i::2]) for i in range(2)])
-    apart = np.hypot(*(motion.apply(middle) - true.apply(middle)))
-    return apart, abs((true.inverse() @ motion).theta)
 
 
 def agreement(target, source, motion):
@@ -152,23 +143,6 @@ def test_a_pose_is_refused_if_deformed_rivals_fit_as_well(monkeypatch):
     assert register_nonrigid(corridor.target, corridor.source, MergeConfig()) is None
     monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_, **__: [1.0])
     assert register_nonrigid(corridor.target, corridor.source, MergeConfig()) is not None
-
-
-def test_rivals_that_end_at_one_place_count_once(monkeypatch):
-    target, source, true = bent_maps("store")
-    fixed, moving = (DeformableMap.of(one.grid, MergeConfig()) for one in (source, target))  # the target has less wall
-    pose, elsewhere = true.inverse(), SE2(30.0, 0.0, 0.0) @ true.inverse()
-    monkeypatch.setattr("merging.nonrigid.search._rivals", lambda *_: [SE2(1.5, 0.0, 0.0) @ pose, elsewhere])
-
-    def fitted(fixed, moving, start, config):
-        return None if start == elsewhere else fit_tiles(fixed, moving, pose, config)
-
-    monkeypatch.setattr("merging.nonrigid.hypotheses.fit_tiles", fitted)
-    poses = DeformedPoses(fixed.structure, moving, MergeConfig())
-    rivals = DeformedRivals.of(poses, poses.best([pose])[0], [])
-    assert len(rivals.motions) == len(rivals.evidence) == 2
-    assert errors(rivals.motions[0], pose, target)[0] < 0.5
-    assert len(rivals.decoys) == 2
 
 
 def test_a_deformation_starts_at_a_likely_rigid_pose_too():
@@ -390,12 +364,3 @@ def test_the_map_is_deformed_where_it_fits_best_afterwards():
     assert found is not None
     assert errors(found.alignment.T_target_source, true, source)[0] < 0.5
     assert register_nonrigid(target, source, MergeConfig(), alone) is None
-
-
-def test_a_pose_without_support_is_no_hypothesis():
-    target, source, true = bent_maps("store")
-    fixed, moving = (DeformableMap.of(one.grid, MergeConfig()) for one in (source, target))
-    poses = DeformedPoses(fixed.structure, moving, MergeConfig())
-    assert poses.likeliest([], ()) is None
-    assert poses.likeliest([SE2(100.0, 0.0, 0.0)], ()) is None
-    assert poses.likeliest([true.inverse()], ())[1] is poses.best([true.inverse()])[0]  # compared once
