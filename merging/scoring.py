@@ -167,14 +167,20 @@ class ConfidenceModel:
         Walls that the other robot saw through count against a candidate. If maps were `deformed`, they count against
         decoys, too: deformed decoys of a nearly symmetrical building fit well, but for these walls.
         """
+        logits = np.append(self.logits(candidates, decoys, deformed=deformed), 0.0)
+        shares = np.exp(logits - logits.max())
+        return np.asarray(shares[:-1] / shares.sum())
+
+    def logits(
+        self, candidates: Sequence[Evidence], decoys: Sequence[Evidence], *, deformed: bool = False
+    ) -> FloatArray:
+        """Return the log odds (K,) of each candidate against chance; see `probabilities`."""
         own = measured(candidates)
         if deformed:
             margins = own @ self.score - self._chance_of_deformed(candidates, own, decoys)
         else:
             margins = own @ self.score - by_chance(own, measured(decoys), self.score) @ self.score
-        logits = np.append(features(candidates, decoys) @ self.weights + margins + self.bias, 0.0)
-        shares = np.exp(logits - logits.max())
-        return np.asarray(shares[:-1] / shares.sum())
+        return np.asarray(features(candidates, decoys) @ self.weights + margins + self.bias)
 
     def _chance_of_deformed(self, candidates: Sequence[Evidence], own: FloatArray, decoys: Sequence[Evidence]) -> float:
         """Return the score of the best pose by chance, as `by_chance`, less the weight of its walls seen through."""
@@ -191,6 +197,11 @@ _NAMES = {"score": tuple(MEASURES), "weights": FEATURES}
 def confidences(candidates: Sequence[Evidence], decoys: Sequence[Evidence], *, deformed: bool = False) -> list[float]:
     """Return the probability of each candidate by the shipped model; see `ConfidenceModel.probabilities`."""
     return [float(p) for p in _shipped().probabilities(candidates, decoys, deformed=deformed)]
+
+
+def log_odds(evidence: Evidence, decoys: Sequence[Evidence]) -> float:
+    """Return the log odds of one pose against chance; unlike its probability they never saturate."""
+    return float(_shipped().logits([evidence], decoys)[0])
 
 
 def features(candidates: Sequence[Evidence], decoys: Sequence[Evidence]) -> FloatArray:

@@ -150,7 +150,7 @@ class ShortRangeConfig(FrozenConfig):
 
 
 class NonrigidConfig(FrozenConfig):
-    """Non-rigid registration of pairs that no rigid transform aligns; see `merging.nonrigid.search`."""
+    """Non-rigid registration of pairs that no rigid transform aligns well; see `merging.nonrigid.search`."""
 
     PUBLIC: ClassVar = ("enabled",)
 
@@ -158,7 +158,7 @@ class NonrigidConfig(FrozenConfig):
     side_m: Metres = Field(16.0, description="approximate side of the tiles; later rounds have half of it [m]")
     most: int = Field(24, ge=2, description="largest number of tiles of a map")
     # Of 66 deformed pairs of simulated floors that are aligned by it, the smallest factor is 1.08. 60 of 187 pairs of
-    # different places have less than 1.05. The limit saves a quarter of the time.
+    # different places have less than 1.05. The limit saves a quarter of the time. It does not apply to likely pairs.
     min_lead: float = Field(1.05, ge=0, description="least score of the best pose relative to the next one's")
     places: Count = Field(8, description="poses of the correlation from which a deformation starts")
     rivals: Count = Field(8, description="further poses that are deformed too and must not fit as well")

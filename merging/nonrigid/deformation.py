@@ -284,13 +284,16 @@ class TileFit:
 
 
 def fit_tiles(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> TileFit | None:
-    """Register the tiles of a source map near an initial pose, round by round; None if fewer than two fit.
+    """Register the tiles of a source map near an initial pose, round by round; None if fewer than two small tiles fit.
 
     Where maps overlap little, fewer than two of the large tiles may fit; the small tiles then start at the pose itself.
     """
-    fit, initial = None, Deformation.of_rigid(start)
-    for tiles in source.rounds:
-        fit = _registered_tiles(target, tiles, fit.deformation if fit else initial, config)
+    first, *others = source.rounds
+    fit = _registered_tiles(target, first, Deformation.of_rigid(start), config)
+    for before, tiles in pairwise((first, *others)):
+        if fit is None and tiles is before:
+            return None  # the small tiles did not fit, and would not from here
+        fit = _registered_tiles(target, tiles, fit.deformation if fit else Deformation.of_rigid(start), config)
     return fit
 
 

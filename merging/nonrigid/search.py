@@ -10,7 +10,8 @@ from both tests and from the share of the floor that agrees (`merging.nonrigid.d
 
 If most walls agree at a rigid pose, it may be accepted although the maps are deformed. The other walls would be doubled
 in the merged map, and the pose would fit only one part of the overlap. Therefore a map is also deformed at an accepted
-pose, and the deformed map is kept if it is much more likely than the rigid map.
+pose, from this pose and from the poses of the correlation at the same place. The deformed map is kept if its odds
+against chance are much larger.
 
 The new alignment takes most of the time. It is skipped if the deformed map can hardly pass it: if the confidence is too
 low even without rivals, and with only the few decoys of the refused rigid alignment.
@@ -25,6 +26,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+
 from merging.alignment import Alignment, Pair, bent_by, covariance_of, format_confidence, format_evidence
 from merging.config import MergeConfig
 from merging.fusion import at_resolution
@@ -32,7 +35,7 @@ from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap
 from merging.nonrigid.deformed_model import DeformedTests
-from merging.nonrigid.hypotheses import DeformedPoses
+from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses
 from merging.nonrigid.rivals import DeformedRivals, first_apart
 from merging.pairwise import CompressedGrid, most_held
 from merging.registration.correlation import Proposals, lead_of, propose, same_place
@@ -44,9 +47,9 @@ from merging.rigid_alignment import (
     align_whole,
     comparison_resolution,
 )
-from merging.scoring import confidences
+from merging.scoring import confidences, log_odds
 from merging.verification import Evidence
-from merging.walls import without_walls
+from merging.walls import WallMap, without_walls
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
@@ -57,9 +60,8 @@ logger = logging.getLogger(__name__)
 
 _HELD_CELLS = 1.6e7  # cells of maps with tiles that a process holds: 60 bytes each, so 1 GB
 _MUCH_MORE_LIKELY = 7.0
-"""Odds ratio from which an accepted map is deformed. Of 91 pairs of straight maps four have a larger ratio, and their
-errors change by centimetres; all of 50 pairs of deformed maps have one."""
-_LEAST_DOUBT = 1e-12  # rounding of a probability near 1
+"""Odds ratio from which an accepted map is deformed. The ratio is larger for four of 91 pairs of straight maps, whose
+errors change by centimetres, and for all of 50 pairs of deformed maps."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ def register_deformable(
 def register_accepted(
     target: DeformableMap, source: DeformableMap, rigid: Alignment, config: MergeConfig
 ) -> NonrigidRegistration | None:
-    """Deform the map with less wall at an accepted rigid pose; None unless the deformed map is much more likely.
+    """Deform the map with less wall near an accepted rigid pose; None unless the deformed map is much more likely.
 
     The confidence of the rigid alignment is kept, because the deformation changes the fit but not the place.
     """
@@ -151,16 +153,11 @@ def register_accepted(
         found = register_accepted(source, target, rigid.reversed(), config)
         return found and found.reversed()
     fixed = target.structure
-    # The rigid pose may fit only a part of the overlap; the correlation tolerates the distortion.
-    starts = [rigid.T_target_source, *same_place(rigid.starts, rigid.T_target_source, source.structure)]
-    likeliest = DeformedPoses(fixed, source, config).likeliest(starts, rigid.decoys)
-    if likeliest is None:
+    pose = _deformed_near(rigid.T_target_source, rigid, fixed, source, config)
+    if pose is None or pose.deformed is None:
         return None
-    motion, structure, evidence, deformed = likeliest[1]
-    if deformed is None or deformed.residual_m < 0.5 * fixed.geometry.resolution:  # hardly a cell would move
-        return None
-    odds, rigid_odds = (_odds(one, rigid.decoys) for one in (evidence, rigid.evidence))
-    if odds < _MUCH_MORE_LIKELY * rigid_odds:
+    motion, structure, evidence, deformed = pose.motion, pose.structure, pose.evidence, pose.deformed
+    if log_odds(evidence, rigid.decoys) - log_odds(rigid.evidence, rigid.decoys) < math.log(_MUCH_MORE_LIKELY):
         return None
     limits = config.verification.limits()
     covariance = covariance_of(fixed, structure, motion, limits, config.covariance)
@@ -170,10 +167,20 @@ def register_accepted(
     return NonrigidRegistration(_accepted(alignment, deformed, rigid.confidence, reason), deformed.deformation)
 
 
-def _odds(evidence: Evidence, decoys: Sequence[Evidence]) -> float:
-    """Return the odds of a pose against chance."""
-    probability = confidences([evidence], decoys)[0]
-    return probability / max(1.0 - probability, _LEAST_DOUBT)
+def _deformed_near(
+    accepted: SE2, rigid: Alignment, fixed: WallMap, source: DeformableMap, config: MergeConfig
+) -> DeformedPose | None:
+    """Deform a map near an accepted pose; None if that moves hardly a cell, or the map to another place."""
+    # The accepted pose may fit only a part of the overlap; the correlation tolerates the distortion.
+    others = [pose for pose in rigid.starts if not np.allclose(pose, accepted)]
+    starts = [accepted, *same_place(others, accepted, source.structure)]
+    likeliest = DeformedPoses(fixed, source, config).likeliest(starts, rigid.decoys)
+    if likeliest is None or likeliest[1].deformed is None:
+        return None
+    pose = likeliest[1]
+    moved_m, _ = likeliest[1].deformed.deformation.residuals(accepted)
+    stays = same_place([pose.motion], accepted, source.structure)
+    return pose if stays and moved_m >= 0.5 * fixed.geometry.resolution else None
 
 
 def _register_onto(
@@ -276,12 +283,13 @@ def _accepted(aligned: Alignment, deformed: DeformedMap, confidence: float, reas
 
 
 def may_be_deformed(refused: Alignment, config: MergeConfig) -> bool:
-    """Return whether a pair was refused although one pose stands out in the correlation, or is likely as it is.
+    """Return whether a pair was refused although one pose stands out in the correlation, or its rigid pose is likely.
 
-    The correlation tolerates some tenths of a metre, so the true pose of a deformed map stands out in it.
+    The correlation tolerates some tenths of a metre, so the true pose of a deformed map usually stands out in it. In a
+    repetitive building it may not, but there the rigid pose may be likely.
     """
-    clear = refused.lead >= config.nonrigid.min_lead or refused.confidence >= WORTH_DEFORMING
-    return not refused.accepted and clear
+    stands_out, is_likely = refused.lead >= config.nonrigid.min_lead, refused.confidence >= WORTH_DEFORMING
+    return not refused.accepted and (stands_out or is_likely)
 
 
 def register_pairs(found: MergeState, config: MergeConfig, executor: Executor) -> dict[Pair, NonrigidRegistration]:

@@ -320,12 +320,12 @@ def elsewhere(motions: list[SE2], scores: FloatArray, source: WallMap, count: in
 
 
 def same_place(motions: Sequence[SE2], motion: SE2, source: WallMap) -> list[SE2]:
-    """Return those motions that place the walls of the source where another motion does; see `elsewhere`."""
+    """Return the motions that place the walls of the source where `motion` does, within the limits of `elsewhere`."""
     x, y = source.centroid.tolist()
-    centroid = SE2(x, y, 0.0)
-    T_place_target = (motion @ centroid).inverse()
-    return [other for other in motions if _is_near(T_place_target @ other @ centroid)]
-
-
-def _is_near(difference: SE2) -> bool:
-    return math.hypot(difference.x, difference.y) <= _ELSEWHERE_M and abs(difference.theta) <= _ELSEWHERE_RAD
+    centroid, found = SE2(x, y, 0.0), list[SE2]()
+    place = motion @ centroid
+    for other in motions:
+        apart = place.to(other @ centroid)
+        if math.hypot(apart.x, apart.y) < _ELSEWHERE_M and abs(apart.theta) < _ELSEWHERE_RAD:
+            found.append(other)
+    return found

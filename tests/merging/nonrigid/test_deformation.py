@@ -204,6 +204,21 @@ def test_small_tiles_fit_where_large_ones_overlap_too_little(monkeypatch):
     assert len(found.deformation.motions) > 0.5 * len(small)
 
 
+def test_small_tiles_that_do_not_fit_are_not_tried_again(monkeypatch):
+    target, source, true = bent_maps("store")
+    fixed, moving = WallMap.from_grid(target.grid, CONFIG.structure), DeformableMap.of(source.grid, MergeConfig())
+    large, small = moving.rounds[:2]
+    tried, register = [], deformation._registered_tiles
+
+    def registered(target, tiles, *given):
+        tried.append(tiles)
+        return register(target, tiles, *given) if tiles is large else None
+
+    monkeypatch.setattr(deformation, "_registered_tiles", registered)
+    assert fit_tiles(fixed, moving, true, MergeConfig()) is None
+    assert [tiles is small for tiles in tried] == [False, True]
+
+
 def test_a_map_of_one_large_tile_starts_with_small_tiles(rooms):
     large, small = (
         DeformableMap.of(rooms(1), MergeConfig.model_validate({"nonrigid": {"side_m": side}})) for side in (8.0, 20.0)

@@ -215,8 +215,8 @@ def test_scores_stay_within_their_arrays(rooms, monkeypatch, cell):
 @pytest.mark.parametrize(
     ("shift_m", "turn", "same"), [(0.9, 0.0, True), (1.1, 0.0, False), (0.0, 0.14, True), (0.0, -0.16, False)]
 )
-def test_a_place_is_that_of_the_centroid_of_the_walls(rooms, shift_m, turn, same):
+def test_two_poses_are_one_place_if_the_centroid_of_the_walls_hardly_moves(rooms, shift_m, turn, same):
     source, motion = structure(rooms(3)), SE2(-31.0, 8.0, 2.5)
     centroid = SE2(*map(float, source.centroid), 0.0)
     other = motion @ centroid @ SE2(shift_m, 0.0, turn) @ centroid.inverse()
-    assert same_place([other], motion, source) == [other] * same
+    assert (other in same_place([other], motion, source)) == same
