@@ -288,12 +288,12 @@ def fit_tiles(target: WallMap, source: DeformableMap, start: SE2, config: MergeC
 
     Where maps overlap little, fewer than two of the large tiles may fit; the small tiles then start at the pose itself.
     """
-    first, *others = source.rounds
-    fit = _registered_tiles(target, first, Deformation.of_rigid(start), config)
-    for before, tiles in pairwise((first, *others)):
+    initial = Deformation.of_rigid(start)
+    fit = _registered_tiles(target, source.rounds[0], initial, config)
+    for before, tiles in pairwise(source.rounds):
         if fit is None and tiles is before:
             return None  # the small tiles did not fit, and would not from here
-        fit = _registered_tiles(target, tiles, fit.deformation if fit else Deformation.of_rigid(start), config)
+        fit = _registered_tiles(target, tiles, fit.deformation if fit else initial, config)
     return fit
 
 

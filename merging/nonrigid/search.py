@@ -175,10 +175,9 @@ def _deformed_near(
     others = [pose for pose in rigid.starts if not np.allclose(pose, accepted)]
     starts = [accepted, *same_place(others, accepted, source.structure)]
     likeliest = DeformedPoses(fixed, source, config).likeliest(starts, rigid.decoys)
-    if likeliest is None or likeliest[1].deformed is None:
+    if likeliest is None or (deformed := likeliest[1].deformed) is None:
         return None
-    pose = likeliest[1]
-    moved_m, _ = likeliest[1].deformed.deformation.residuals(accepted)
+    pose, (moved_m, _) = likeliest[1], deformed.deformation.residuals(accepted)
     stays = same_place([pose.motion], accepted, source.structure)
     return pose if stays and moved_m >= 0.5 * fixed.geometry.resolution else None
 
