@@ -14,14 +14,15 @@ pose, from this pose and from the poses of the correlation at the same place. Th
 against chance are much larger.
 
 The new alignment takes most of the time. It is skipped if the deformed map can hardly pass it: if the confidence is too
-low even without rivals, and with only the few decoys of the refused rigid alignment.
+low even without rivals, and with only the few decoys of the refused rigid alignment. It is also skipped if the deformed
+map is hardly more likely than the rigid one, which was refused.
 """
 
 import itertools
 import logging
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -48,7 +49,6 @@ from merging.rigid_alignment import (
     comparison_resolution,
 )
 from merging.scoring import confidences, log_odds
-from merging.verification import Evidence
 from merging.walls import WallMap, without_walls
 from tbmslam.belief.grid import TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -78,22 +78,6 @@ class NonrigidRegistration:
         return NonrigidRegistration(self.alignment.reversed(), self.deformation.inverse())
 
 
-class Peak(NamedTuple):
-    """The best poses of a refused rigid alignment."""
-
-    motions: Sequence[SE2]
-    """Poses of the map with less wall in the other's frame, `Alignment.starts`."""
-    lead: float
-    """The score of the first pose in the correlation divided by the score of the next pose."""
-    decoys: Sequence[Evidence]
-    """The evidence for some poses of the mirror image."""
-
-
-def peak_of(refused: Alignment) -> Peak | None:
-    """Return the best poses of a refused alignment; None if it kept none."""
-    return Peak(refused.starts, refused.lead, refused.decoys) if refused.starts else None
-
-
 def align_deformable(target: TbmMap, source: TbmMap, config: MergeConfig) -> Alignment:
     """Align two maps rigidly; deform one of them if that is refused, or if the deformed map fits much better."""
     if not (config.nonrigid.enabled and config.method == "correlation"):
@@ -101,19 +85,8 @@ def align_deformable(target: TbmMap, source: TbmMap, config: MergeConfig) -> Ali
     resolution = comparison_resolution([target.grid, source.grid], config)
     fixed, moving = (deformable(tbm_map.grid, resolution, config) for tbm_map in (target, source))
     rigid = align_prepared(_prepared(fixed), _prepared(moving), config)
-    found = _registration(fixed, moving, rigid, config)
+    found = register_nonrigid(fixed, moving, rigid, config)
     return rigid if found is None else found.alignment
-
-
-def _registration(
-    target: DeformableMap | None, source: DeformableMap | None, rigid: Alignment, config: MergeConfig
-) -> NonrigidRegistration | None:
-    """Return the non-rigid registration of two maps after their rigid alignment; None if the alignment stays."""
-    if rigid.accepted and target is not None and source is not None:
-        return register_accepted(target, source, rigid, config)
-    if may_be_deformed(rigid, config):
-        return register_deformable(target, source, config, peak_of(rigid))
-    return None
 
 
 def _prepared(source: DeformableMap | None) -> PreparedMap | None:
@@ -125,40 +98,39 @@ def deformable(grid: TbmGrid, resolution: float, config: MergeConfig) -> Deforma
     return DeformableMap.of(at_resolution(grid, resolution), config) if grid.is_known().any() else None
 
 
-def register_deformable(
-    target: DeformableMap | None, source: DeformableMap | None, config: MergeConfig, peak: Peak | None = None
+def register_nonrigid(
+    target: DeformableMap | None, source: DeformableMap | None, rigid: Alignment, config: MergeConfig
 ) -> NonrigidRegistration | None:
-    """Align two maps of one resolution by deforming the map with less wall; None if no pose is accepted.
+    """Deform the map with less wall after the rigid alignment of two maps of one resolution; None if it stays rigid.
 
-    Without the `peak` of their refused rigid alignment it is computed, and no pose is refused by its decoys.
+    A rigid alignment without `starts` is of other grids of the maps.
     """
     if target is None or source is None or without_walls(target.structure, source.structure):
         return None
     if target.structure.wall_m < source.structure.wall_m:  # so that exchanged maps give the same result
-        found = _register_onto(source, target, peak, config)
+        found = register_nonrigid(source, target, rigid.reversed(), config)
         return found and found.reversed()
-    return _register_onto(target, source, peak, config)
+    if rigid.accepted:
+        return _register_accepted(target, source, rigid, config)
+    if may_be_deformed(rigid, config):
+        return _register_refused(target, source, rigid, config)
+    return None
 
 
-def register_accepted(
+def _register_accepted(
     target: DeformableMap, source: DeformableMap, rigid: Alignment, config: MergeConfig
 ) -> NonrigidRegistration | None:
-    """Deform the map with less wall near an accepted rigid pose; None unless the deformed map is much more likely.
+    """Deform the source near an accepted rigid pose.
 
     The confidence of the rigid alignment is kept, because the deformation changes the fit but not the place.
     """
-    if rigid.T_target_source is None or rigid.evidence is None:
+    if rigid.T_target_source is None:
         return None
-    if target.structure.wall_m < source.structure.wall_m:
-        found = register_accepted(source, target, rigid.reversed(), config)
-        return found and found.reversed()
     fixed = target.structure
     pose = _deformed_near(rigid.T_target_source, rigid, fixed, source, config)
     if pose is None or pose.deformed is None:
         return None
     motion, structure, evidence, deformed = pose.motion, pose.structure, pose.evidence, pose.deformed
-    if log_odds(evidence, rigid.decoys) - log_odds(rigid.evidence, rigid.decoys) < math.log(_MUCH_MORE_LIKELY):
-        return None
     limits = config.verification.limits()
     covariance = covariance_of(fixed, structure, motion, limits, config.covariance)
     alignment = rigid.at(motion, evidence, rigid.confidence, covariance)
@@ -170,23 +142,31 @@ def register_accepted(
 def _deformed_near(
     accepted: SE2, rigid: Alignment, fixed: WallMap, source: DeformableMap, config: MergeConfig
 ) -> DeformedPose | None:
-    """Deform a map near an accepted pose; None if that moves hardly a cell, or the map to another place."""
+    """Deform a map near an accepted pose; None if that is no better, or moves the map to another place."""
     # The accepted pose may fit only a part of the overlap; the correlation tolerates the distortion.
     others = [pose for pose in rigid.starts if not np.allclose(pose, accepted)]
     starts = [accepted, *same_place(others, accepted, source.structure)]
     likeliest = DeformedPoses(fixed, source, config).likeliest(starts, rigid.decoys)
-    if likeliest is None or (deformed := likeliest[1].deformed) is None:
+    if likeliest is None or not _is_much_more_likely(likeliest[1], rigid, fixed):
         return None
-    pose, (moved_m, _) = likeliest[1], deformed.deformation.residuals(accepted)
-    stays = same_place([pose.motion], accepted, source.structure)
-    return pose if stays and moved_m >= 0.5 * fixed.geometry.resolution else None
+    pose = likeliest[1]
+    return pose if same_place([pose.motion], accepted, source.structure) else None
 
 
-def _register_onto(
-    target: DeformableMap, source: DeformableMap, peak: Peak | None, config: MergeConfig
+def _is_much_more_likely(pose: DeformedPose, rigid: Alignment, fixed: WallMap) -> bool:
+    """Return whether a deformed map fits much better than the rigid one, and differs from it by half a cell."""
+    if pose.deformed is None or rigid.evidence is None or rigid.T_target_source is None:
+        return pose.deformed is not None
+    moved_m, _ = pose.deformed.deformation.residuals(rigid.T_target_source)
+    gain = log_odds(pose.evidence, rigid.decoys) - log_odds(rigid.evidence, rigid.decoys)
+    return moved_m >= 0.5 * fixed.geometry.resolution and gain >= math.log(_MUCH_MORE_LIKELY)
+
+
+def _register_refused(
+    target: DeformableMap, source: DeformableMap, refused: Alignment, config: MergeConfig
 ) -> NonrigidRegistration | None:
     """Deform the source at the best poses of the correlation; return the first registration that is likely enough."""
-    found = attempts(target, source, peak, config)
+    found = attempts(target, source, refused, config)
     likely = (one for one in found if one.tests.confidence >= config.verification.min_confidence)
     return next((one.registration for one in likely), None)
 
@@ -210,7 +190,9 @@ class Attempt(NamedTuple):
         )
 
 
-def attempts(target: DeformableMap, source: DeformableMap, peak: Peak | None, config: MergeConfig) -> Iterator[Attempt]:
+def attempts(
+    target: DeformableMap, source: DeformableMap, refused: Alignment, config: MergeConfig
+) -> Iterator[Attempt]:
     """Deform the source at the best poses of the correlation; yield the attempts that pass both tests.
 
     The second attempt tolerates larger distances. It is made only if one pose is clear. A test is passed with
@@ -218,16 +200,13 @@ def attempts(target: DeformableMap, source: DeformableMap, peak: Peak | None, co
     """
     fixed = target.structure
     proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most pairs need none
-    decoys: Sequence[Evidence] = ()
-    if peak is not None:
-        starts = peak.motions
-        lead, decoys = peak.lead, peak.decoys
-    else:
-        starts = first_apart(proposals().motions, source.structure, config.nonrigid.places)
+    starts, lead = refused.starts, refused.lead
+    if not starts:
+        starts = tuple(first_apart(proposals().motions, source.structure, config.nonrigid.places))
         lead = lead_of(proposals(), source.structure)
     wide = [config.with_wide_distances()] if lead >= config.nonrigid.clear_lead else []
     for used in (config, *wide):
-        found = _attempt(target, source, starts, decoys, proposals, used)
+        found = _attempt(target, source, replace(refused, starts=starts), proposals, used)
         if found is not None:
             yield found
 
@@ -235,17 +214,19 @@ def attempts(target: DeformableMap, source: DeformableMap, peak: Peak | None, co
 def _attempt(
     target: DeformableMap,
     source: DeformableMap,
-    starts: Sequence[SE2],
-    decoys: Sequence[Evidence],
+    refused: Alignment,
     proposals: Callable[[], Proposals],
     config: MergeConfig,
 ) -> Attempt | None:
     """Deform the source at the most likely start; return it if it is aligned there and beats its rivals."""
-    poses, least = DeformedPoses(target.structure, source, config), config.verification.min_confidence
-    likeliest = poses.likeliest(starts, decoys)
+    fixed, decoys, least = target.structure, refused.decoys, config.verification.min_confidence
+    poses = DeformedPoses(fixed, source, config)
+    likeliest = poses.likeliest(refused.starts, decoys)
     if likeliest is None or (decoys and likeliest[0] < least):
         return None
     pose = likeliest[1]
+    if not _is_much_more_likely(pose, refused, fixed):
+        return None
     rigid = align_prepared(_prepared(target), PreparedMap(pose.structure, Features.none()), config, decoys)
     if not _is_aligned_at(pose.motion, rigid, config):
         return None
@@ -311,7 +292,7 @@ def register_pairs(found: MergeState, config: MergeConfig, executor: Executor) -
     calls = [
         Call(
             f"{source} deformed onto {target}",
-            _registration,
+            register_nonrigid,
             (maps[target, size], maps[source, size], _of_own_grids(found, (target, source)), config),
         )
         for (target, source), size in sizes.items()
@@ -352,8 +333,9 @@ def _joining_alone(found: MergeState) -> list[Pair]:
 
 
 def _of_own_grids(found: MergeState, pair: Pair) -> Alignment:
-    """Return the alignment of a pair, without its poses on coarse cells if it is of other grids."""
-    return replace(found.alignments[pair], starts=()) if pair in found.evidence_grids else found.alignments[pair]
+    """Return the alignment of a pair, without its poses and evidence if it is of other grids."""
+    alignment = found.alignments[pair]
+    return replace(alignment, starts=(), decoys=(), evidence=None) if pair in found.evidence_grids else alignment
 
 
 def _deformable(sent: CompressedGrid, resolution: float, config: MergeConfig) -> DeformableMap | None:

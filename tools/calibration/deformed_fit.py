@@ -8,7 +8,7 @@ from scipy import optimize
 
 from merging.config import MergeConfig
 from merging.nonrigid.deformed_model import DeformedModel, DeformedTests
-from merging.nonrigid.search import attempts, deformable, may_be_deformed, peak_of
+from merging.nonrigid.search import attempts, deformable, may_be_deformed
 from merging.registration.features import Features
 from merging.rigid_alignment import PreparedMap, align_prepared, comparison_resolution
 from merging.walls import without_walls
@@ -49,7 +49,7 @@ def trials_of(pair: KnownPair, weight: float = 1.0) -> list[DeformedTrial]:
     if not may_be_deformed(rigid, config):
         return []
     found = list[DeformedTrial]()
-    for one in attempts(fixed, moving, peak_of(rigid), config):
+    for one in attempts(fixed, moving, rigid, config):
         motion = one.deformed.motion.inverse() if turned else one.deformed.motion
         found.append(DeformedTrial(one.tests, pair.is_near(motion), weight))
         if one.tests.less_certain >= MergeConfig().verification.min_confidence:
