@@ -28,7 +28,9 @@ _EXACT = 0.01  # change of the inverse that ends its iterations [cells]
 _LEAST_COMMON = 10  # least number of common cells that fix a rigid transform
 _MIN_SCALE_ERROR = 0.01
 """A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
-_MIN_SCALE_SHARE = 0.5  # a scale is reported if it explains a larger share of the deformation than this
+_MIN_SCALE_SHARE = 0.8
+"""Share of the deformation that a wrong resolution explains. It is exceeded by 43 of 48 pairs of straight maps, one of
+which was made 2 or 4 % larger, and by 1 of 130 pairs of maps that are bent by 0.3 m."""
 
 
 @dataclass(frozen=True)

@@ -147,6 +147,7 @@ def test_a_scale_is_distinguished_from_other_deformations():
         assert found == pytest.approx(scale)
         assert share == pytest.approx(0.0 if scale == 1.0 else 1.0)
         assert deformation.scale()[1] < 0.5
+    assert Deformation(MIDDLES, grown, 4.0).scale_error() == pytest.approx(1.05)
     assert Deformation(MIDDLES[:2], [MOTION, SE2(9.0, 0.0, 0.0) @ MOTION], 4.0).scale() == (1.0, 0.0)
 
 
