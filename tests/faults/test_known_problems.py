@@ -22,7 +22,6 @@ from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.slam import Slam
 from tests.processes import python
 from tools.map_pairs.floors import pairs_of
-from tools.map_pairs.known_pair import grid_of
 
 ANGLES = np.linspace(-math.pi, math.pi, 180, endpoint=False)
 
@@ -132,7 +131,7 @@ def test_an_origin_keeps_its_digits(tmp_path):
 
 def test_a_map_merged_again_and_again_does_not_grow():
     pair = next(iter(pairs_of([building_of_world("apartment", 3)], 1, [0.75])))
-    first, second = (TbmMap(grid_of(seen, pair.resolution)) for seen in (pair.occ_a, pair.occ_b))
+    first, second = (TbmMap.from_occupancy(seen, pair.resolution) for seen in (pair.occ_a, pair.occ_b))
     merged = merge({"first": first, "second": second}, MergeConfig()).merged
     assert merged is not None
     size = merged.grid.geometry

@@ -12,11 +12,11 @@ from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import load_map
 from tbmslam.io.ros_map import write_ros_map
+from tbmslam.map.tbm_map import TbmMap
 from tests.datasets.conftest import BagScript
 from tools import build_maps
 from tools import merge as merge_program
 from tools.map_pairs.floors import pairs_of
-from tools.map_pairs.known_pair import grid_of
 
 ROUND_ROOM = np.full(180, 3.0)
 
@@ -64,7 +64,7 @@ def test_large_maps_with_distant_frames_merge_correctly(tmp_path):
     side, corners, origins = 2000, ((1400, 20), (30, 1400)), ((4000.0, -7000.0), (-900.0, 100.0))
     places = []
     for name, occupancy, (row, col), origin in zip("ab", (pair.occ_a, pair.occ_b), corners, origins, strict=True):
-        seen = grid_of(occupancy, pair.resolution)
+        seen = TbmMap.from_occupancy(occupancy, pair.resolution).grid
         large = TbmGrid.unknown(GridGeometry(pair.resolution, *origin, side, side))
         large.masses[row : row + seen.geometry.rows, col : col + seen.geometry.cols] = seen.masses
         write_ros_map(tmp_path / name, large)

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from datasets.synthetic.map_pairs.pairs import MapPair
-from tbmslam.belief.grid import GridGeometry, TbmGrid, masses_from_probability
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, wrap_angle
 from tbmslam.map.map_check import check_geometry
@@ -39,7 +37,7 @@ class KnownPair:
     @classmethod
     def of(cls, pair: MapPair) -> "KnownPair":
         """Return a pair that was cut from a building."""
-        maps = [TbmMap(grid_of(occupancy, pair.resolution)) for occupancy in (pair.occ_a, pair.occ_b)]
+        maps = [TbmMap.from_occupancy(occupancy, pair.resolution) for occupancy in (pair.occ_a, pair.occ_b)]
         return cls(pair.name, maps[0], maps[1], pair.T_a_b, pair.overlap)
 
     def errors(self, found: SE2) -> tuple[float, float]:
@@ -71,7 +69,7 @@ def load_pair(path: Path) -> KnownPair:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             resolution, label = float(arrays["resolution"]), int(arrays["label"])
-            maps = [TbmMap(grid_of(arrays[key], resolution)) for key in ("occ_a", "occ_b")]
+            maps = [TbmMap.from_occupancy(arrays[key], resolution) for key in ("occ_a", "occ_b")]
             motion = np.asarray(arrays["T_ab"], dtype=np.float64)
             overlap = float(arrays["overlap"])
     except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
@@ -86,10 +84,3 @@ def load_pair(path: Path) -> KnownPair:
     if fault := next(filter(None, faults), None):
         raise PairFileError(f"{path} is not a pair of maps: {fault}; see datasets/synthetic/map_pairs/pairs.py")
     return KnownPair(path.stem, maps[0], maps[1], SE2.from_matrix(motion) if label else None, overlap)
-
-
-def grid_of(occupancy: npt.NDArray[np.int8], resolution: float) -> TbmGrid:
-    """Return a grid of an occupancy (rows, cols) in percent, -1 unknown, its corner at the origin."""
-    known = occupancy >= 0
-    masses = masses_from_probability(np.where(known, occupancy, 50) / 100.0, known)
-    return TbmGrid(GridGeometry(resolution, 0.0, 0.0, *occupancy.shape), masses)

@@ -10,7 +10,7 @@ from merging.alignment import Pair
 from merging.map_graph.grouping import Group
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
-from tools.map_pairs.known_pair import KnownPair, grid_of
+from tools.map_pairs.known_pair import KnownPair
 
 
 def shuffled(placed: Sequence[PlacedMap], rng: np.random.Generator) -> dict[str, PlacedMap]:
@@ -20,7 +20,7 @@ def shuffled(placed: Sequence[PlacedMap], rng: np.random.Generator) -> dict[str,
 
 def maps_by_name(placed: Mapping[str, PlacedMap]) -> dict[str, TbmMap]:
     """Return the maps by name."""
-    return {name: TbmMap(grid_of(placed_map.occupancy, placed_map.resolution)) for name, placed_map in placed.items()}
+    return {name: TbmMap.from_occupancy(one.occupancy, one.resolution) for name, one in placed.items()}
 
 
 def known_pair(pair: Pair, placed: Mapping[str, PlacedMap], maps: Mapping[str, TbmMap]) -> KnownPair:

@@ -9,7 +9,6 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmark import main
 from tools.benchmarks.fleet import _joined, _placed, draw_fleet, make_fleet
-from tools.map_pairs.known_pair import grid_of
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +24,7 @@ def test_a_fleet_is_so_many_maps_of_each_building_and_the_same_again(placed):
 
 
 def test_joins_are_counted_by_the_truth(placed):
-    maps = {name: TbmMap(grid_of(one.occupancy, one.resolution)) for name, one in placed.items()}
+    maps = {name: TbmMap.from_occupancy(one.occupancy, one.resolution) for name, one in placed.items()}
     here = [name for name, one in placed.items() if one.place == "building 0"]
     stranger = next(name for name, one in placed.items() if one.place == "building 1")
     right = {name: placed[name].T_map_building.inverse() for name in here}
