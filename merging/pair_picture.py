@@ -11,7 +11,7 @@ from merging.walls import BoolArray, WallMap
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import corners_of
 from tbmslam.geometry.se2 import SE2, FloatArray
-from tbmslam.kernels.grids.walls import FACING
+from tbmslam.kernels.grids.walls import AGREES, CONFLICTS, classify_walls
 from tbmslam.report.sheet import Levels, Palette
 
 _NEITHER, _ONE, _BOTH, _TARGET, _SOURCE, _AGREED, _CONTRADICTED = range(7)
@@ -92,16 +92,10 @@ def _is_known(structure: WallMap, points: FloatArray) -> BoolArray:
 def _compared(
     moving: WallMap, fixed: WallMap, T_fixed_moving: SE2, config: VerificationConfig
 ) -> tuple[BoolArray, BoolArray]:
-    """Return which walls (N,) agree with the other map, and which contradict it; see `compare_walls`."""
-    if not len(fixed.points) or not len(moving.points):
-        nothing = np.zeros(len(moving.points), dtype=bool)
-        return nothing, nothing
-    rows, cols, inside = fixed.geometry.cells_at(T_fixed_moving.apply(moving.points))
-    distances, nearest = fixed.distances_m[rows, cols], fixed.nearest[rows, cols]
-    facing = (SE2(0.0, 0.0, T_fixed_moving.theta).apply(moving.normals) * fixed.normals[nearest]).sum(axis=1)
-    alike = (facing >= FACING) | ((moving.two_sided | fixed.two_sided[nearest]) & (facing <= -FACING))
-    agreed = inside & alike & (distances <= config.agreement_distance_m)
-    return agreed, inside & (fixed.states[rows, cols] == 1) & (distances > config.conflict_distance_m)
+    """Return which walls (N,) agree with the other map, and which contradict it."""
+    every = np.arange(len(moving.points))
+    held = classify_walls(moving.walls, every, fixed.walls, T_fixed_moving, config.limits())
+    return held == AGREES, held == CONFLICTS
 
 
 @dataclass(frozen=True)
