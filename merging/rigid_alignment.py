@@ -8,7 +8,7 @@ from merging.baselines import BASELINES, align_baseline
 from merging.config import MergeConfig
 from merging.config.registration import VerificationConfig
 from merging.fusion import at_resolution, check_cell_size
-from merging.registration.correlation import Candidate, best_of, elsewhere, lead_of, propose, refine_all
+from merging.registration.correlation import Candidate, best_distinct, best_of, lead_of, propose, refine_all
 from merging.registration.features import Features, describe, match
 from merging.registration.ransac import find_consensus
 from merging.scoring import confidences, score_hypotheses
@@ -122,7 +122,7 @@ def _by_correlation(
     proposals = propose(target, source, config.correlation)
     candidates = best_of(proposals.motions, target, source, config)
     reason = "no rotation and translation brings the walls together"
-    starts = tuple(elsewhere(proposals.motions, proposals.scores, source, config.nonrigid.places))
+    starts = tuple(best_distinct(proposals.motions, proposals.scores, source, config.nonrigid.places))
     found = Alignment("correlation", accepted=False, reason=reason, lead=lead_of(proposals, source), starts=starts)
     if not candidates:
         return found

@@ -1,4 +1,4 @@
-"""Deformation of a map: square tiles are registered rigidly one by one, and their transforms are interpolated."""
+"""Deformation of a map: rectangular tiles are registered rigidly one by one, and their transforms are interpolated."""
 
 import math
 from collections.abc import Sequence
@@ -29,8 +29,8 @@ _LEAST_COMMON = 10  # least number of common cells that fix a rigid transform
 _MIN_SCALE_ERROR = 0.01
 """A scale nearer to 1 than this may be the error of the tiles: cells of 5 cm over tiles of some metres."""
 _MIN_SCALE_SHARE = 0.8
-"""Share of the deformation that a wrong resolution explains. It is exceeded by 43 of 48 pairs of straight maps, one of
-which was made 2 or 4 % larger, and by 1 of 130 pairs of maps that are bent by 0.3 m."""
+"""Share of the deformation that a wrong resolution explains. It is exceeded by 43 of 48 pairs of undistorted maps, one
+of which was made 2 or 4 % larger, and by 1 of 130 pairs of maps that are bent by 0.3 m."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ _LEAST_WALL = 0.5
 def tiles_of(structure: WallMap, side_m: float, most: int) -> list[WallMap]:
     """Cut the known part of a map into tiles of one size, and leave out tiles with little wall.
 
-    The longest side of a tile is `side_m` [m]. It is increased where there would be more than `most` tiles.
+    No side is longer than `side_m` [m], unless there would be more than `most` tiles.
     """
     rows, cols = (np.flatnonzero(structure.states.any(axis=axis)) for axis in (1, 0))
     if not len(rows):

@@ -1,7 +1,7 @@
 """Poses of a map that is deformed at each pose, and their evidence.
 
-Tiles are registered at many poses, which takes little time. The map itself is deformed and compared only at the best
-supported poses, because this takes most of the time.
+The registration of tiles at many poses is fast. The deformation of the map and its comparison are slow, so they are
+done only at the best supported poses.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import numpy as np
 
 from merging.config import MergeConfig
 from merging.nonrigid.deformation import DeformableMap, DeformedMap, TileFit, deformed_by, fit_tiles
-from merging.registration.correlation import elsewhere, refine_all
+from merging.registration.correlation import best_distinct, refine_all
 from merging.scoring import confidences
 from merging.verification import Evidence, examine, support_m
 from merging.walls import WallMap
@@ -57,13 +57,13 @@ class DeformedPoses:
     _fits: dict[SE2, _Fit] = field(default_factory=dict)
     _compared: dict[SE2, DeformedPose] = field(default_factory=dict)
 
-    def likeliest(self, starts: Sequence[SE2], decoys: Sequence[Evidence]) -> tuple[float, DeformedPose] | None:
-        """Deform the map at each start; return the most likely pose with its probability; None if none has support."""
+    def likeliest(self, starts: Sequence[SE2], decoys: Sequence[Evidence]) -> DeformedPose | None:
+        """Deform the map at each start; return the most likely pose, or None if none has support."""
         fits = [fit for start in starts if (fit := self._fit(start)).tiles is not None and fit.support_m > 0.0]
         least_m = _WORTH_COMPARING * max((fit.support_m for fit in fits), default=0.0)
         found = self._best([fit for fit in fits if fit.support_m >= least_m])
         likely = confidences([pose.evidence for pose in found], decoys)
-        return max(zip(likely, found, strict=True), key=lambda pair: pair[0], default=None)
+        return found[likely.index(max(likely))] if found else None
 
     def best(self, starts: Sequence[SE2]) -> list[DeformedPose]:
         """Deform the map at each start, if its tiles fit there; return the best supported poses, the best first."""
@@ -86,7 +86,7 @@ class DeformedPoses:
         """Compare the maps at the best supported poses at different places."""
         by_motion = {fit.motion: fit for fit in reversed(fits)}
         supports = np.array([fit.support_m for fit in by_motion.values()])
-        motions = elsewhere(list(by_motion), supports, self.source.structure, _COMPARED)
+        motions = best_distinct(list(by_motion), supports, self.source.structure, _COMPARED)
         return [self._pose(by_motion[motion]) for motion in motions]
 
     def _pose(self, fit: _Fit) -> DeformedPose:

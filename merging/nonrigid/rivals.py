@@ -8,7 +8,7 @@ import numpy as np
 from merging.config import MergeConfig
 from merging.nonrigid.deformation import DeformableMap
 from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses
-from merging.registration.correlation import best_of, elsewhere, propose
+from merging.registration.correlation import best_distinct, best_of, propose
 from merging.verification import Evidence
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2
@@ -36,18 +36,18 @@ class DeformedRivals:
         mirrored = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
         rivals = [pose, *poses.best(_rivals(target, poses.source, proposals, config))]
         evidence = {rival.motion: rival.evidence for rival in rivals}
-        motions = first_apart(list(evidence), poses.source.structure, len(evidence))
+        motions = first_distinct(list(evidence), poses.source.structure, len(evidence))
         decoys = [decoy.evidence for decoy in DeformedPoses(target, mirror, config).best(mirrored)]
         return cls(motions, [evidence[motion] for motion in motions], decoys)
 
 
-def first_apart(poses: list[SE2], source: WallMap, count: int) -> list[SE2]:
+def first_distinct(poses: list[SE2], source: WallMap, count: int) -> list[SE2]:
     """Return the first poses, at most `count`, without those near an earlier one."""
-    return elsewhere(poses, -np.arange(len(poses), dtype=np.float64), source, count)
+    return best_distinct(poses, -np.arange(len(poses), dtype=np.float64), source, count)
 
 
 def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config: MergeConfig) -> list[SE2]:
     """Return the first proposals, and the proposals that fit best without deformation."""
     fitting = [pose for pose, _ in best_of(proposals, target, source.structure, config)]
-    rivals = [*first_apart(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
-    return first_apart(rivals, source.structure, len(rivals))
+    rivals = [*first_distinct(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
+    return first_distinct(rivals, source.structure, len(rivals))

@@ -13,9 +13,8 @@ in the merged map, and the pose would fit only one part of the overlap. Therefor
 pose, from this pose and from the poses of the correlation at the same place. The deformed map is kept if its odds
 against chance are much larger.
 
-The new alignment takes most of the time. It is skipped if the deformed map can hardly pass it: if the confidence is too
-low even without rivals, and with only the few decoys of the refused rigid alignment. It is also skipped if the deformed
-map is hardly more likely than the rigid one, which was refused.
+The new alignment takes most of the time. The attempt ends before it if the deformed map does not fit much better than
+the refused rigid map.
 """
 
 import itertools
@@ -37,7 +36,7 @@ from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap
 from merging.nonrigid.deformed_model import DeformedTests
 from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses
-from merging.nonrigid.rivals import DeformedRivals, first_apart
+from merging.nonrigid.rivals import DeformedRivals, first_distinct
 from merging.pairwise import CompressedGrid, most_held
 from merging.registration.correlation import Proposals, lead_of, propose, same_place
 from merging.registration.features import Features
@@ -60,8 +59,9 @@ logger = logging.getLogger(__name__)
 
 _HELD_CELLS = 1.6e7  # cells of maps with tiles that a process holds: 60 bytes each, so 1 GB
 _MUCH_MORE_LIKELY = 7.0
-"""Odds ratio from which an accepted map is deformed. The ratio is larger for four of 91 pairs of straight maps, whose
-errors change by centimetres, and for all of 50 pairs of deformed maps."""
+"""Least odds ratio at which a deformed map is kept. It is exceeded by all of 50 accepted pairs of deformed maps, and by
+four of 91 of undistorted maps, whose errors change by centimetres. Of refused pairs it is exceeded by 91 of 93 that are
+rightly accepted then, and by 5 of 17 pairs of strangers that are likely after a deformation."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def register_nonrigid(
 ) -> NonrigidRegistration | None:
     """Deform the map with less wall after the rigid alignment of two maps of one resolution; None if it stays rigid.
 
-    A rigid alignment without `starts` is of other grids of the maps.
+    A rigid alignment of other grids, such as of short ranges, comes without `starts`, `decoys` and `evidence`.
     """
     if target is None or source is None or without_walls(target.structure, source.structure):
         return None
@@ -136,7 +136,8 @@ def _register_accepted(
     alignment = rigid.at(motion, evidence, rigid.confidence, covariance)
     alignment = alignment.matched_by_walls(evidence, fixed.geometry.resolution)
     reason = f"{format_evidence(evidence)}; without deformation: {rigid.reason}"
-    return NonrigidRegistration(_accepted(alignment, deformed, rigid.confidence, reason), deformed.deformation)
+    alignment = _deformed_alignment(alignment, deformed, rigid.confidence, reason)
+    return NonrigidRegistration(alignment, deformed.deformation)
 
 
 def _deformed_near(
@@ -146,10 +147,9 @@ def _deformed_near(
     # The accepted pose may fit only a part of the overlap; the correlation tolerates the distortion.
     others = [pose for pose in rigid.starts if not np.allclose(pose, accepted)]
     starts = [accepted, *same_place(others, accepted, source.structure)]
-    likeliest = DeformedPoses(fixed, source, config).likeliest(starts, rigid.decoys)
-    if likeliest is None or not _is_much_more_likely(likeliest[1], rigid, fixed):
+    pose = DeformedPoses(fixed, source, config).likeliest(starts, rigid.decoys)
+    if pose is None or not _is_much_more_likely(pose, rigid, fixed):
         return None
-    pose = likeliest[1]
     return pose if same_place([pose.motion], accepted, source.structure) else None
 
 
@@ -186,7 +186,7 @@ class Attempt(NamedTuple):
         among = f"confidence {format_confidence(self.tests.among_rivals)} among deformed rivals"
         reason = f"confidence {format_confidence(confidence)}: {among}; after deformation: {self.aligned.reason}"
         return NonrigidRegistration(
-            _accepted(self.aligned, self.deformed, confidence, reason), self.deformed.deformation
+            _deformed_alignment(self.aligned, self.deformed, confidence, reason), self.deformed.deformation
         )
 
 
@@ -202,7 +202,7 @@ def attempts(
     proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most pairs need none
     starts, lead = refused.starts, refused.lead
     if not starts:
-        starts = tuple(first_apart(proposals().motions, source.structure, config.nonrigid.places))
+        starts = tuple(first_distinct(proposals().motions, source.structure, config.nonrigid.places))
         lead = lead_of(proposals(), source.structure)
     wide = [config.with_wide_distances()] if lead >= config.nonrigid.clear_lead else []
     for used in (config, *wide):
@@ -219,23 +219,21 @@ def _attempt(
     config: MergeConfig,
 ) -> Attempt | None:
     """Deform the source at the most likely start; return it if it is aligned there and beats its rivals."""
-    fixed, decoys, least = target.structure, refused.decoys, config.verification.min_confidence
+    fixed = target.structure
     poses = DeformedPoses(fixed, source, config)
-    likeliest = poses.likeliest(refused.starts, decoys)
-    if likeliest is None or (decoys and likeliest[0] < least):
+    pose = poses.likeliest(refused.starts, refused.decoys)
+    if pose is None or not _is_much_more_likely(pose, refused, fixed):
         return None
-    pose = likeliest[1]
-    if not _is_much_more_likely(pose, refused, fixed):
-        return None
-    rigid = align_prepared(_prepared(target), PreparedMap(pose.structure, Features.none()), config, decoys)
-    if not _is_aligned_at(pose.motion, rigid, config):
+    deformed = PreparedMap(pose.structure, Features.none())
+    realigned = align_prepared(_prepared(target), deformed, config, refused.decoys)
+    if not _is_aligned_at(pose.motion, realigned, config):
         return None
     rivals = DeformedRivals.of(poses, pose, proposals().motions)
     confidence = confidences(rivals.evidence, rivals.decoys, deformed=True)[0]
-    if confidence < least or pose.deformed is None:
+    if confidence < config.verification.min_confidence or pose.deformed is None:
         return None
-    tests = DeformedTests.of(rigid.confidence, confidence, pose.evidence)
-    return Attempt(rigid, pose.deformed, tests)
+    tests = DeformedTests.of(realigned.confidence, confidence, pose.evidence)
+    return Attempt(realigned, pose.deformed, tests)
 
 
 def _is_aligned_at(pose: SE2, found: Alignment, config: MergeConfig) -> bool:
@@ -244,7 +242,7 @@ def _is_aligned_at(pose: SE2, found: Alignment, config: MergeConfig) -> bool:
     return found.accepted and aligned is not None and is_same_pose(pose, aligned, config.graph, found.covariance)
 
 
-def _accepted(aligned: Alignment, deformed: DeformedMap, confidence: float, reason: str) -> Alignment:
+def _deformed_alignment(aligned: Alignment, deformed: DeformedMap, confidence: float, reason: str) -> Alignment:
     """Return the alignment of a deformed map, from the rigid alignment that verified it."""
     degrees = math.degrees(deformed.residual_rad)
     bent = f"one map was deformed by {deformed.residual_m:.2f} m and {degrees:.1f} degrees"

@@ -282,10 +282,10 @@ def best_of(proposals: list[SE2], target: WallMap, source: WallMap, config: Merg
     rough = np.geomspace(how.proposal_reach_m, how.first_reach_m / 2.0, how.rough_iterations)
     slid = _slid(target, source, proposals, rough, how.few_walls)
     supports = support_m(target, source, slid, config.verification, how.some_walls)
-    best = elsewhere(slid, supports, source, config.correlation.semifinalists)
+    best = best_distinct(slid, supports, source, config.correlation.semifinalists)
     finalists = refine_all(target, source, best, config)
     supports = support_m(target, source, finalists, config.verification, how.many_walls)
-    finalists = elsewhere(finalists, supports, source, config.correlation.finalists)
+    finalists = best_distinct(finalists, supports, source, config.correlation.finalists)
     return list(zip(finalists, examine_all(target, source, finalists, config.verification), strict=True))
 
 
@@ -308,11 +308,11 @@ def lead_of(proposals: Proposals, source: WallMap) -> float:
     if not proposals.motions:
         return 0.0
     best = {motion: float(score) for motion, score in zip(*proposals, strict=True)}
-    scores = [best[motion] for motion in elsewhere(proposals.motions, proposals.scores, source, 2)]
+    scores = [best[motion] for motion in best_distinct(proposals.motions, proposals.scores, source, 2)]
     return max(scores[0], 0.0) / max(*scores[1:], _LEAST_SCORE_M)
 
 
-def elsewhere(motions: list[SE2], scores: FloatArray, source: WallMap, count: int) -> list[SE2]:
+def best_distinct(motions: list[SE2], scores: FloatArray, source: WallMap, count: int) -> list[SE2]:
     """Return up to `count` of the best motions that place the walls of the source at distinct places."""
     centroid = np.append(source.centroid, 0.0)
     centres = compose(np.array(motions, dtype=np.float64).reshape(-1, 3), centroid)
@@ -320,7 +320,7 @@ def elsewhere(motions: list[SE2], scores: FloatArray, source: WallMap, count: in
 
 
 def same_place(motions: Sequence[SE2], motion: SE2, source: WallMap) -> list[SE2]:
-    """Return the motions that place the walls of the source where `motion` does, within the limits of `elsewhere`."""
+    """Return the motions that place the walls of the source where `motion` does, by the limits of `best_distinct`."""
     x, y = source.centroid.tolist()
     centroid, found = SE2(x, y, 0.0), list[SE2]()
     place = motion @ centroid

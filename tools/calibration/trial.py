@@ -9,7 +9,7 @@ import numpy as np
 from merging.config import MergeConfig
 from merging.nonrigid.deformation import DeformableMap
 from merging.nonrigid.hypotheses import DeformedPoses
-from merging.nonrigid.rivals import DeformedRivals, first_apart
+from merging.nonrigid.rivals import DeformedRivals, first_distinct
 from merging.registration.correlation import find_candidates, propose
 from merging.rigid_alignment import prepared
 from merging.scoring import ConfidenceModel, features, find_decoys, measured
@@ -73,10 +73,10 @@ class Trial:
         source = DeformableMap.of(grid, config, structures[moving])
         proposals = propose(target, source.structure, config.correlation).motions
         poses = DeformedPoses(target, source, config)
-        likeliest = poses.likeliest(first_apart(proposals, source.structure, config.nonrigid.places), ())
+        likeliest = poses.likeliest(first_distinct(proposals, source.structure, config.nonrigid.places), ())
         if likeliest is None:
             return None
-        rivals = DeformedRivals.of(poses, likeliest[1], proposals)
+        rivals = DeformedRivals.of(poses, likeliest, proposals)
         near = np.array([pair.is_near(pose if moving == 1 else pose.inverse()) for pose in rivals.motions], np.bool_)
         return cls(pair.name, rivals.evidence, rivals.decoys, near, near, weight)
 

@@ -218,28 +218,6 @@ def test_larger_distances_are_tolerated_only_if_one_pose_is_clear(monkeypatch, c
     assert list(dict.fromkeys(tried)) == distances_m
 
 
-@pytest.mark.parametrize(("least", "tried"), [(0.0, True), (1.0, False)])
-def test_a_deformed_map_that_cannot_pass_is_not_aligned_again(monkeypatch, least, tried):
-    """The confidence lies between both limits; the rigid alignment itself is refused by a stub."""
-    target, source, _ = bent_maps("store")
-    refused = align_whole(target, source)
-    assert not refused.accepted
-    assert 0 < len(refused.decoys) <= 3
-    seen = []
-    monkeypatch.setattr("merging.nonrigid.search.align_prepared", lambda *maps: seen.append(maps) or REFUSED)
-    config = MergeConfig.model_validate({"verification": {"min_confidence": least}, "nonrigid": {"clear_lead": 1e6}})
-    assert register(target, source, config, refused) is None
-    assert bool(seen) == tried
-
-
-def test_no_deformed_map_is_refused_early_without_decoys(monkeypatch):
-    target, source, _ = bent_maps("store")
-    refused = replace(align_whole(target, source), decoys=())
-    monkeypatch.setattr("merging.nonrigid.search.confidences", lambda *_: pytest.fail("no decoys to compare with"))
-    monkeypatch.setattr("merging.nonrigid.search.align_prepared", lambda *_: REFUSED)
-    assert register(target, source, MergeConfig(), refused) is None
-
-
 def test_maps_without_known_cells_or_walls_are_not_tried():
     target, source, _ = bent_maps("store")
     empty = TbmMap(TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 300, 300)))
