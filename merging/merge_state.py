@@ -21,7 +21,7 @@ class MergeState:
     """The maps by name, including the deformed maps."""
     alignments: Mapping[Pair, Alignment]
     groups: Sequence[Group]
-    """The groups of maps, the largest first."""
+    """The groups of maps: the group of known poses first, then the largest first."""
     evidence_grids: Mapping[Pair, tuple[TbmGrid, TbmGrid]] = field(default_factory=dict)
     """The grids (target, source), each in its map's frame, that an alignment was computed from, if not the maps'
     own."""

@@ -82,12 +82,11 @@ def merge(
 ) -> Merge:
     """Merge maps with unknown relative poses.
 
-    Every pair of maps is aligned; with many maps only similar pairs are aligned (`merging.rounds`). Accepted alignments
-    connect maps to groups, and the largest group is fused in the order of the maps. If poses are known
-    (`MergeConfig.known_poses`), the group of these maps is fused instead. Maps of different groups are aligned again by
-    short ranges only. The remaining maps are registered non-rigidly. A map that a single alignment joins is also
-    deformed if it then fits much better. If one or two alignments join two groups, the groups must match as
-    wholes.
+    Every pair of maps is aligned; with many maps only similar pairs are aligned (`merging.rounds`). Alignments that
+    agree join maps into groups. Maps with keyframes in different groups are aligned again by short ranges only. If one
+    or two alignments join two groups, the groups must match as wholes. Refused pairs are then registered non-rigidly,
+    as are accepted pairs that alone join a map. The largest group is fused in the order of the maps. If poses are known
+    (`MergeConfig.known_poses`), the group of these maps is fused instead.
 
     Parameters
     ----------
@@ -103,7 +102,8 @@ def merge(
     Raises
     ------
     ValueError, TypeError
-        For fewer than two maps, none by name, no worker, or a known pose of an unknown map or of the first one.
+        For fewer than two maps, maps that are no mapping, no worker, or a known pose of an unknown map or of the first
+        one.
     """
     check_maps(maps)
     config, executor = config or MergeConfig(), Executor(workers, scheduler, progress or Progress())
@@ -122,8 +122,8 @@ def merge(
 def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
     """Estimate the pose of a source map in the frame of a target map, without an initial guess.
 
-    The maps are aligned rigidly; if that is refused, one of them may be deformed. `merging.merge` also aligns maps with
-    keyframes again by short ranges.
+    The maps are aligned rigidly; one of them is deformed if that is refused or fits much worse. `merging.merge` also
+    aligns maps with keyframes again by short ranges.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def _grouped(
 
 
 def _with_deformed_maps(found: MergeState, config: MergeConfig, executor: Executor) -> MergeState:
-    """Register pairs of maps non-rigidly, and keep the deformed maps of those that their groups confirm."""
+    """Register pairs of maps non-rigidly; keep the deformed maps unless their bridge is refuted."""
     registrations = register_pairs(found, config, executor)
     if not registrations:
         return found

@@ -20,7 +20,7 @@ from tbmslam.map.tbm_map import TbmMap
 _ALTERNATIVES = 4
 """Largest number of alternatives."""
 _WORTH_NAMING = 0.01
-"""Least confidence of an alternative."""
+"""Confidence from which an alternative is always kept."""
 WORTH_DEFORMING = 0.1
 """Least confidence of a rigid pose from which a deformation starts; one in ten pairs of different places reaches it."""
 _DECOYS = 3

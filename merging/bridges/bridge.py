@@ -1,8 +1,8 @@
-"""Bridges of the map graph: one or two alignments that join two groups.
+"""Bridges of the map graph: one or two alignments that alone join two sides of a group.
 
-Two alignments between the same groups are no independent evidence, since the maps of a group show the same rooms. So
-they are a bridge as well if each of the groups has several maps. Without this, two of 30 simulated buildings become one
-group in two of three fleets. Refused alignments that agree are a bridge, too.
+Two alignments between the same sides are not independent evidence, since the maps of a side show the same rooms. So
+they are a bridge as well if each side has several maps. Without this rule, two of 30 simulated buildings were joined in
+two of three sets of 300 maps. Refused alignments that agree are a bridge, too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,14 +15,14 @@ from tbmslam.geometry.se2 import SE2
 
 Sides = frozenset[frozenset[str]]
 """The maps on either side of a bridge."""
-IDLE = 0.3
+TOO_WEAK_TO_JOIN = 0.3
 """Refused alignments up to this confidence join no groups: together they give log odds of 0.1 at most, and a link
 needs 2.19 (`GraphConfig.min_support`)."""
 
 
 @dataclass(frozen=True)
 class Bridge:
-    """An alignment between two sides of a group. At most one other accepted alignment joins these sides."""
+    """The most certain alignment between two sides of a group, with the other accepted one if there is one."""
 
     pairs: tuple[Pair, ...]
     """The pair (target, source) of the alignment, and that of the other one if there is one."""
@@ -41,13 +41,13 @@ class Bridge:
 
 
 def bridges_of(group: Group, alignments: Mapping[Pair, Alignment], config: MergeConfig) -> list[Bridge]:
-    """Return the bridges of a group of more than two maps: the most certain alignment of each two sides."""
+    """Return the bridges of a group of more than two maps: the most certain alignment for each pair of sides."""
     bridges = dict[Sides, Bridge]()
     accepted = [pair for pair in group.used if alignments[pair].accepted]
     for pair in sorted(group.used, key=lambda pair: _certainty(alignments[pair]), reverse=True):
         found = alignments[pair]
-        idle = not found.accepted and found.confidence <= IDLE
-        if found.method != "correlation" or idle or len(group) <= 2:
+        is_too_weak = not found.accepted and found.confidence <= TOO_WEAK_TO_JOIN
+        if found.method != "correlation" or is_too_weak or len(group) <= 2:
             continue
         for removed in ([pair], *([pair, second] for second in _seconds(pair, accepted, alignments))):
             sides = _sides_without(removed, group, alignments, config)

@@ -4,8 +4,8 @@ A few walls of two maps may agree by chance. If two buildings have similar rooms
 a wrong pose. So each bridge is verified by an alignment of both groups, each as one map. A confident bridge is verified
 too: of the 45,000 pairs of 300 maps, six of different buildings were accepted, one with a confidence above 0.999.
 
-Drives bend maps. So the drives of the whole group are optimised jointly first, and one side may be deformed. The merged
-map of a group has walls that single maps lack, so walls seen through count more than between single maps
+Drift distorts maps. So the drives of the whole group are optimised jointly first, and one side may be deformed. The
+merged map of a group has walls that single maps lack, so walls seen through count more than between single maps
 (`merging.bridges.seen_through`).
 
 Refused alignments that agree are verified too. Otherwise 12 of 120 simulated maps of 20 buildings would become one
@@ -18,7 +18,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from merging.alignment import Alignment, Pair, format_confidence
-from merging.bridges.bridge import IDLE, Bridge, Sides, bridges_of
+from merging.bridges.bridge import TOO_WEAK_TO_JOIN, Bridge, Sides, bridges_of
 from merging.bridges.seen_through import confidences_of_groups
 from merging.config import MergeConfig
 from merging.fusion import CellSizeError
@@ -33,7 +33,7 @@ from tbmslam.parallel.executor import Progress
 
 logger = logging.getLogger(__name__)
 
-_UNKNOWN = 1.0
+_UNVERIFIED = 1.0
 """Confidence of a bridge that cannot be verified, as its groups are too large for one map or for the memory."""
 
 
@@ -42,25 +42,25 @@ def without_refuted_bridges(
 ) -> MergeState:
     """Split groups at bridges that the alignment of both sides does not confirm.
 
-    With `among`, only bridges of these pairs are verified.
+    With `among`, only bridges made of these pairs alone are verified.
     """
     confirmed = set[Sides]()
     while True:
-        refuted, fitting = refute_bridges(found, config, progress, confirmed, among)
+        refuted, fitting = verify_bridges(found, config, progress, confirmed, among)
         confirmed |= fitting
         if not refuted:
             return found
         found = found.with_alignments(refuted)
 
 
-def refute_bridges(
+def verify_bridges(
     found: MergeState,
     config: MergeConfig,
     progress: Progress,
     confirmed: Collection[Sides] = (),
     among: Collection[Pair] | None = None,
 ) -> tuple[dict[Pair, Alignment], set[Sides]]:
-    """Find a bridge of each group that the alignment of both sides does not confirm, the most doubtful first.
+    """Verify the bridges of each group by an alignment of both sides, the least confident first, until one fails.
 
     Bridges between `confirmed` sides are not verified again. Returns the changed alignments: those of the bridges, now
     refused, and others at the same poses; none if all bridges are confirmed. Also returns the confirmed sides.
@@ -77,13 +77,13 @@ def refute_bridges(
         with progress.during("verifying bridges"):
             for bridge, confidence in _confidences_of(bridges, group, found, config, progress):
                 if confidence < config.verification.min_confidence:
-                    alignments = _without(bridge, alignments, confidence, config)
+                    alignments = _with_refused(bridge, alignments, confidence, config)
                     break
                 fitting.add(bridge.names)
     return {pair: each for pair, each in alignments.items() if each is not found.alignments[pair]}, fitting
 
 
-def _without(
+def _with_refused(
     bridge: Bridge, alignments: Mapping[Pair, Alignment], confidence: float, config: MergeConfig
 ) -> dict[Pair, Alignment]:
     """Refuse the alignments at the pose of a bridge, and limit their confidence so that they join no groups alone."""
@@ -91,7 +91,7 @@ def _without(
     stated = f"confidence {format_confidence(confidence)} is under {limit:g}"
     why = f"the groups of {numbers} maps that it joins do not match as wholes ({stated})"
     logger.info("%s in %s: refused: %s", *bridge.pair[::-1], why)
-    confidence = min(confidence, IDLE)  # so the pair is no bridge again, and the verification ends
+    confidence = min(confidence, TOO_WEAK_TO_JOIN)  # so the pair is no bridge again, and the verification ends
     refuted = {pair: _refuted(each, pair, bridge, confidence, why, config) for pair, each in alignments.items()}
     for pair in bridge.pairs:
         reason = f"{why}: {alignments[pair].reason}"
@@ -123,12 +123,12 @@ def _refuted(
 def _confidences_of(
     bridges: Sequence[Bridge], group: Group, found: MergeState, config: MergeConfig, progress: Progress
 ) -> Iterator[tuple[Bridge, float]]:
-    """Yield the bridges of a group with their confidences, the most doubtful alignment first."""
+    """Yield the bridges of a group with their confidences, the least confident alignment first."""
     try:
         joint = jointly_refined(found.maps, group.poses, config, progress)
     except MemoryError:
         logger.warning("the bridges between %s are not verified: memory has run out", ", ".join(group.poses))
-        yield from ((bridge, _UNKNOWN) for bridge in bridges)
+        yield from ((bridge, _UNVERIFIED) for bridge in bridges)
         return
     for bridge in sorted(bridges, key=lambda bridge: found.alignments[bridge.pair].confidence):
         try:
@@ -136,7 +136,7 @@ def _confidences_of(
         except (CellSizeError, MemoryError) as error:
             why = str(error) if isinstance(error, CellSizeError) else "memory has run out"
             logger.warning("the bridge between %s and %s is not verified: %s", *bridge.pair, why)
-            yield bridge, _UNKNOWN
+            yield bridge, _UNVERIFIED
 
 
 def _confidence_of(

@@ -11,9 +11,9 @@ Introduction to Probability Theory and Its Applications", vol. 2, II.4)::
 with r stretches per metre of a mean length m, and the modified Bessel function I1. As in `Evidence`, s and L are means
 of both directions of the comparison.
 
-The confidence of two single maps is the prior probability. It knows s too, so part of this evidence is counted twice:
-a logistic regression on 242 true and 1097 false pairs of groups gives the log ratio a quarter of the weight of the
-prior's log odds. A ratio in favour of a pose counts half, which refuses fewer true poses than a quarter. A ratio
+The prior is the confidence of the alignment of the merged maps. It uses s too, so part of this evidence is counted
+twice: a logistic regression on 242 true and 1097 false pairs of groups gives the log ratio a quarter of the weight of
+the prior's log odds. A ratio in favour of a pose counts half, which refuses fewer true poses than a quarter. A ratio
 against it counts fully: a false merge is worse than a map that is left out.
 """
 

@@ -16,8 +16,8 @@ from merging.alignment import Alignment, Covariance, Pair, PoseHypothesis, known
 from merging.config.groups import GraphConfig
 from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angle
 
-_ACCEPTED, _REFUSED = 0.9, 0.85
-"""Least confidence of an accepted alignment, and largest confidence of a refused alignment or an alternative."""
+_LEAST_ACCEPTED, _MOST_REFUSED = 0.9, 0.85
+"""An accepted alignment counts with at least the first confidence, any other with at most the second."""
 
 
 class Edge(NamedTuple):
@@ -39,18 +39,18 @@ class Edge(NamedTuple):
 
 
 def edges_of(pair: Pair, found: Alignment, config: GraphConfig) -> list[Edge]:
-    """Return the edges of an aligned pair: its best pose, however unlikely, and likely alternatives.
+    """Return the edges of an aligned pair: its best pose, however unlikely, and alternatives above `min_confidence`.
 
     A refused pose is left out if hardly any wall agrees: nearly empty maps fit everywhere.
     """
     edges = []
     for number, hypothesis in enumerate(found.hypotheses()):
         if hypothesis.accepted:
-            confidence = max(hypothesis.confidence, _ACCEPTED)
+            confidence = max(hypothesis.confidence, _LEAST_ACCEPTED)
         elif hypothesis.agreed_wall_m < config.min_wall_m or (number and hypothesis.confidence < config.min_confidence):
             continue
         else:
-            confidence = min(hypothesis.confidence, _REFUSED)
+            confidence = min(hypothesis.confidence, _MOST_REFUSED)
         edges.append(Edge(pair, replace(hypothesis, confidence=confidence)))
     return edges
 
@@ -146,7 +146,7 @@ class GroupLinks:
     def __init__(self, groups: Sequence[dict[str, SE2]], edges: Sequence[Edge], config: GraphConfig) -> None:
         self.groups, self._edges, self._config = groups, edges, config
         self._found: dict[tuple[int, int], GroupLink] = {}
-        links = _Links(groups, edges)
+        links = _GroupEdges(groups, edges)
         self._update(links, links.pairs())
 
     def all(self) -> list[GroupLink]:
@@ -157,13 +157,13 @@ class GroupLinks:
         """Add the second group of a link to the first."""
         self.groups[link.first].update({n: link.motion @ pose for n, pose in self.groups[link.second].items()})
         self.groups[link.second].clear()
-        links = _Links(self.groups, self._edges)
+        links = _GroupEdges(self.groups, self._edges)
         self._found = {pair: found for pair, found in self._found.items() if link.second not in pair}
         # Only links to the group and links with a path over it change.
         near = {link.first, *links.neighbours(link.first)}
         self._update(links, [pair for pair in links.pairs() if near.issuperset(pair)])
 
-    def _update(self, links: "_Links", pairs: Sequence[tuple[int, int]]) -> None:
+    def _update(self, links: "_GroupEdges", pairs: Sequence[tuple[int, int]]) -> None:
         for pair in pairs:
             best = _best_link(links, *pair, self._config)
             if best is None:
@@ -172,7 +172,7 @@ class GroupLinks:
                 self._found[pair] = best
 
 
-class _Links:
+class _GroupEdges:
     """Edges between groups, each in both directions, sorted by their groups.
 
     `motions` (E, 3) are the poses of the second group in the frame of the first, `odds` (E,) their log odds.
@@ -223,7 +223,7 @@ class _Links:
         return (self._begins[first, halves] + each)[paths], self._begins[halves[paths], second] + last
 
 
-def _best_link(links: _Links, first: int, second: int, config: GraphConfig) -> GroupLink | None:
+def _best_link(links: _GroupEdges, first: int, second: int, config: GraphConfig) -> GroupLink | None:
     """Return the link with the largest support between two groups; None if no support suffices."""
     direct = links.between(first, second)
     supports = _supports(links, direct, links.paths(first, second), config)
@@ -235,8 +235,8 @@ def _best_link(links: _Links, first: int, second: int, config: GraphConfig) -> G
     return max(possible, key=lambda link: link[:2]) if possible else None
 
 
-def _supports(links: _Links, direct: slice, paths: tuple[_Indices, _Indices], config: GraphConfig) -> list[float]:
-    """Return the log odds of the pose of each direct edge: evidence for it, less accepted edges to other poses.
+def _supports(links: _GroupEdges, direct: slice, paths: tuple[_Indices, _Indices], config: GraphConfig) -> list[float]:
+    """Return the log odds of the pose of each direct edge: its evidence, less accepted edges and paths to others.
 
     Maps of one place are not independent: a perceptual alias of one is an alias of all. So a further edge or path to
     the same pose adds little, and less the less probable it is. Refused edges may all have one cause; together they
@@ -250,15 +250,15 @@ def _supports(links: _Links, direct: slice, paths: tuple[_Indices, _Indices], co
     same_path = _are_same(poses, compose(links.motions[there], links.motions[onward]), config)
     also = np.concatenate((links.probabilities[direct], links.probabilities[there] * links.probabilities[onward]))
     support, at_most = support_of(also, config.coincidence), -math.log(config.coincidence)
-    against, doubts = links.accepted[direct], path_odds > 0.0
-    sure = np.concatenate((against, links.accepted[there] & links.accepted[onward]))
+    accepted, likely_paths = links.accepted[direct], path_odds > 0.0
+    sure = np.concatenate((accepted, links.accepted[there] & links.accepted[onward]))
     supports = []
     for row, row_paths in zip(same, same_path, strict=True):
         best = np.flatnonzero(row)[odds[row].argmax()]
         leading = np.concatenate((row, row_paths))
         leading[best] = False
         further = support[leading & sure].sum() + min(support[leading & ~sure].sum(), at_most)
-        contrary = odds[~row & against].sum() + path_odds[~row_paths & doubts].sum()
+        contrary = odds[~row & accepted].sum() + path_odds[~row_paths & likely_paths].sum()
         supports.append(float(odds[best] + further - contrary))
     return supports
 

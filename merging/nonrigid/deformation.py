@@ -282,13 +282,14 @@ class TileFit:
 
     deformation: Deformation
     support_m: float
-    """Agreeing wall of the fitting tiles, less the weighted length of all other compared walls [m]."""
+    """Agreeing wall of the fitting tiles, less the weighted length of the compared walls that do not agree [m]."""
 
 
 def fit_tiles(target: WallMap, source: DeformableMap, start: SE2, config: MergeConfig) -> TileFit | None:
     """Register the tiles of a source map near an initial pose, round by round; None if fewer than two small tiles fit.
 
-    Where maps overlap little, fewer than two of the large tiles may fit; the small tiles then start at the pose itself.
+    Where maps overlap little, fewer than two of the large tiles may fit; the small tiles then start at the initial
+    pose.
     """
     initial = Deformation.of_rigid(start)
     fit = _registered_tiles(target, source.rounds[0], initial, config)

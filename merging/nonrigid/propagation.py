@@ -1,8 +1,9 @@
 """Propagation of pairwise deformations through a group of maps.
 
-The largest set of maps that fit each other rigidly is not deformed. The other maps are deformed onto it one after
-another. A map that was registered to a deformed map takes over its deformation too. If a map of a rigid set is
-deformed, the maps of that set without a registration of their own are deformed with it.
+The set of maps with known poses, or else the largest set of maps that fit each other rigidly, is not deformed. The
+other maps are deformed onto it one after another. A map that was registered to a deformed map takes over its
+deformation too. If a map of a rigid set is deformed, the maps of that set without a registration of their own are
+deformed with it.
 """
 
 import itertools
@@ -29,8 +30,8 @@ def deformed_maps(
     """Return the deformed maps by name, each in its own frame.
 
     `groups` are the groups that the registrations join, and `before` the groups without these registrations: the group
-    of known poses first, then the largest first. Of single maps, maps with keyframes are kept before maps without,
-    since drives can be optimised jointly; then the first name.
+    of known poses first, then the largest first. Of single maps, one with keyframes stays undeformed, since drives can
+    be optimised jointly; else the earliest map.
     """
     return {
         name: _deformed(maps[name], deformation)

@@ -35,7 +35,7 @@ def merge_page(
         tables=[_maps_table(merge), *more, *(areas if areas_m2 else [])],
         cards=cards,
         cards_title="Pairs",
-        cards_note="The pose of each source in its target’s frame. The pose of a refused pair was not used.",
+        cards_note="The pose of each source in its target’s frame. A refused pair joins no maps on its own.",
         seconds=run_info.seconds,
         command=run_info.command,
         versions=versions(),

@@ -9,8 +9,8 @@ from datasets.synthetic.map_pairs import pairs as map_pairs
 from merging import MergeConfig, align, merge, merged_group, merger
 from merging.alignment import Alignment, PoseHypothesis
 from merging.bridges import refutation
-from merging.bridges.bridge import IDLE, bridges_of
-from merging.bridges.refutation import refute_bridges, without_refuted_bridges
+from merging.bridges.bridge import TOO_WEAK_TO_JOIN, bridges_of
+from merging.bridges.refutation import verify_bridges, without_refuted_bridges
 from merging.fusion import warp
 from merging.map_graph.grouping import groups_of
 from merging.merge_state import MergeState
@@ -73,7 +73,7 @@ def state_of(maps, alignments):
 
 
 def refuted(maps, alignments, confirmed=(), config=CONFIG):
-    return refute_bridges(state_of(maps, alignments), config, Progress(), confirmed)
+    return verify_bridges(state_of(maps, alignments), config, Progress(), confirmed)
 
 
 def sides_of(alignments):
@@ -107,7 +107,7 @@ def test_a_refuted_bridge_keeps_its_pose_and_has_a_reason(strangers):
     found, fitting = refuted(strangers, aligned)
     refusal = found["b", "c"]
     assert (refusal.accepted, refusal.T_target_source) == (False, before.T_target_source)
-    assert refusal.confidence <= IDLE
+    assert refusal.confidence <= TOO_WEAK_TO_JOIN
     assert refusal.reason.startswith("the groups of 2 and 2 maps that it joins")
     assert refusal.reason.endswith(before.reason)
     assert fitting == set()
@@ -203,7 +203,7 @@ def test_a_bridge_must_be_as_confident_as_an_accepted_pair(strangers, monkeypatc
     config = MergeConfig.model_validate({"verification": {"min_confidence": least}})
     state = MergeState.of(strangers, alignments, lambda _: [group])
     found = without_refuted_bridges(state, config, Progress()).alignments["b", "c"]
-    assert (found.accepted, found.confidence) == ((True, 0.95) if accepted else (False, IDLE))
+    assert (found.accepted, found.confidence) == ((True, 0.95) if accepted else (False, TOO_WEAK_TO_JOIN))
     assert accepted or "(confidence 0.800 is under 0.85)" in found.reason
 
 
@@ -229,7 +229,7 @@ def test_refused_alignments_that_agree_are_a_bridge_as_well(strangers, neighbour
     assert sides_of(alignments) == {"bc": ("ab", "cd")}
     found, _ = refuted(strangers, alignments)
     assert found.keys() == alignments.keys() - SURE.keys()
-    assert all(one.confidence <= IDLE for one in found.values())
+    assert all(one.confidence <= TOO_WEAK_TO_JOIN for one in found.values())
     assert [len(group) for group in state_of(strangers, alignments | found).groups] == [2, 2]
     assert refuted(neighbours, alignments)[0] == {}
 
@@ -238,7 +238,7 @@ def test_a_refuted_bridge_of_a_group_that_stays_is_not_checked_again(strangers):
     alignments = SURE | AGREEING[0] | AGREEING[1]
     (group,) = state_of(strangers, alignments).groups
     found = without_refuted_bridges(MergeState.of(strangers, alignments, lambda _: [group]), CONFIG, Progress())
-    assert found.alignments["b", "c"].confidence <= IDLE
+    assert found.alignments["b", "c"].confidence <= TOO_WEAK_TO_JOIN
 
 
 def test_refuted_alternatives_are_unlikely_too(strangers):
@@ -248,7 +248,7 @@ def test_refuted_alternatives_are_unlikely_too(strangers):
     other = {("a", "d"): replace(second, T_target_source=elsewhere, confidence=0.1, alternatives=(alternative,))}
     found, _ = refuted(strangers, SURE | AGREEING[0] | AGREEING[2] | AGREEING[3] | other)
     assert (found["a", "d"].confidence, found["a", "d"].T_target_source) == (0.1, elsewhere)
-    assert found["a", "d"].alternatives[0].confidence <= IDLE
+    assert found["a", "d"].alternatives[0].confidence <= TOO_WEAK_TO_JOIN
 
 
 def test_every_alignment_of_a_chain_is_a_bridge_however_confident():
@@ -276,7 +276,7 @@ def test_an_outvoted_alignment_of_the_sides_is_not_refused_with_the_bridge(stran
 
 def test_bridges_of_other_pairs_are_not_verified_again(strangers):
     state = state_of(strangers, SURE | alignment_at("bc", 0.95))
-    assert refute_bridges(state, CONFIG, Progress(), among=[("a", "d")]) == ({}, set())
+    assert verify_bridges(state, CONFIG, Progress(), among=[("a", "d")]) == ({}, set())
 
 
 def test_refused_alignments_put_maps_on_sides():
