@@ -6,7 +6,9 @@ than a rigid one. The share of the floor that agrees is further evidence. A defo
 distortion, so most blocks of the floor agree. At a false pose some tiles find walls by chance, and the blocks between
 them do not agree.
 
-`tools/calibrate_deformed.py` fits the weights.
+`tools/calibrate_deformed.py` fits the weights. The shipped ones are older than the comparison of the deformed with the
+rigid map (`merging.nonrigid.search`). A new fit to 109 attempts that pass it accepts the same 91 right ones, and no
+wrong one.
 """
 
 import json

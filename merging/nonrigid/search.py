@@ -59,8 +59,8 @@ logger = logging.getLogger(__name__)
 
 _HELD_CELLS = 1.6e7  # cells of maps with tiles that a process holds: 60 bytes each, so 1 GB
 _MUCH_MORE_LIKELY = 7.0
-"""Least odds ratio at which a deformed map is kept. It is exceeded by all of 50 accepted pairs of deformed maps, and by
-four of 91 of undistorted maps, whose errors change by centimetres. Of refused pairs it is exceeded by 91 of 93 that are
+"""Least odds ratio at which a deformed map is kept. It is reached by all of 50 accepted pairs of deformed maps, and by
+four of 91 of undistorted maps, whose errors change by centimetres. Of refused pairs it is reached by 91 of 93 that are
 rightly accepted then, and by 5 of 17 pairs of strangers that are likely after a deformation."""
 
 
@@ -124,7 +124,7 @@ def _register_accepted(
 
     The confidence of the rigid alignment is kept, because the deformation changes the fit but not the place.
     """
-    if rigid.T_target_source is None:
+    if rigid.T_target_source is None or rigid.evidence is None:
         return None
     fixed = target.structure
     pose = _deformed_near(rigid.T_target_source, rigid, fixed, source, config)
@@ -154,7 +154,10 @@ def _deformed_near(
 
 
 def _is_much_more_likely(pose: DeformedPose, rigid: Alignment, fixed: WallMap) -> bool:
-    """Return whether a deformed map fits much better than the rigid one, and differs from it by half a cell."""
+    """Return whether a deformed map fits much better than the rigid one, and differs from it by half a cell.
+
+    It is True if there is no evidence of the rigid map to compare with.
+    """
     if pose.deformed is None or rigid.evidence is None or rigid.T_target_source is None:
         return pose.deformed is not None
     moved_m, _ = pose.deformed.deformation.residuals(rigid.T_target_source)

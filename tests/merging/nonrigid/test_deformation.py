@@ -148,6 +148,9 @@ def test_a_scale_is_distinguished_from_other_deformations():
         assert share == pytest.approx(0.0 if scale == 1.0 else 1.0)
         assert deformation.scale()[1] < 0.5
     assert Deformation(MIDDLES, grown, 4.0).scale_error() == pytest.approx(1.05)
+    stretched = [SE2(*(0.05, 0.01) * (MOTION.apply(c) - MOTION.apply(middle)), 0.0) @ MOTION for c in MIDDLES]
+    assert 0.5 < Deformation(MIDDLES, stretched, 4.0).scale()[1] < 0.8
+    assert Deformation(MIDDLES, stretched, 4.0).scale_error() is None
     assert Deformation(MIDDLES[:2], [MOTION, SE2(9.0, 0.0, 0.0) @ MOTION], 4.0).scale() == (1.0, 0.0)
 
 

@@ -143,6 +143,13 @@ def test_a_refused_pair_is_not_deformed_if_that_is_hardly_more_likely(monkeypatc
     assert align(target, source).accepted
 
 
+def test_a_refused_pair_stays_refused_unless_a_deformation_is_much_more_likely(monkeypatch):
+    target, source, _ = bent_maps("store")
+    monkeypatch.setattr("merging.nonrigid.search.DeformedRivals.of", lambda *_: pytest.fail("the attempt has ended"))
+    monkeypatch.setattr("merging.nonrigid.search._MUCH_MORE_LIKELY", 1e300)
+    assert align(target, source) == align_whole(target, source)
+
+
 def test_the_reason_states_the_confidence_and_both_tests():
     target, source, _ = bent_maps("store")
     found = align(target, source)
