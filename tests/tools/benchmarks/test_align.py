@@ -97,9 +97,9 @@ def test_another_file_is_no_pair(tmp_path):
     [
         ({"T_ab": np.full((3, 3), np.nan)}, "T_ab is no finite matrix"),
         ({"T_ab": np.eye(2)}, "T_ab is no finite matrix"),
-        ({"occ_a": np.full((5, 5), 120, np.int8)}, "a mass is -"),
+        ({"occ_a": np.full((5, 5), 120, np.int8)}, "occupancy must be from -1 to 100, got 120 to 120"),
         ({"resolution": np.array(np.nan)}, "resolution must be positive"),
-        ({"occ_b": np.zeros((0, 5), np.int8)}, "0 x 5 cells is empty"),
+        ({"occ_b": np.zeros((0, 5), np.int8)}, r"got int8 of shape \(0, 5\)"),
     ],
 )
 def test_a_pair_that_cannot_be_is_refused(folder, tmp_path, changes, said):
