@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from pydantic import Field
@@ -80,7 +81,6 @@ class Submap:
         self._config = config
         chosen = np.arange(first, last + 1)
         hits = drive.placed(chosen, self.anchor, _HITS * len(chosen))
-        self._coarse: tuple[GainField, PlainLattice] | None = None
         self._surfaces = SurfelMap.of(hits, surfels)
         T_map_anchor = drive.poses[None, self.anchor]
         lasers = compose(inverse(T_map_anchor), drive.poses[first : last + 1])
@@ -113,41 +113,32 @@ class Submap:
 
         The distance from the guess costs nothing here.
         """
-        if self._coarse is None:
-            self._coarse = coarser_field(self._field, self._lattice)
-        field, lattice = self._coarse
-        resolution, _, _ = lattice
-        step = 2.0 * self._config.turn_step
-        reach, half = math.ceil(shift / resolution), math.ceil(min(turn, math.pi) / step)
-        turns = np.arange(-half, half + 1, dtype=np.float64) * step
-        clear = math.ceil(self._config.same_place / resolution)
-        scores, found = top_places(correlate(field, lattice, points, (*guess,), turns, reach), 0.0, clear, count)
-        cells = (found[:, 1:] - reach) * resolution
-        return [
-            (score / (WALL * len(points)), SE2(guess.x + col, guess.y + row, guess.theta + float(turns[k])))
-            for score, k, (row, col) in zip(scores.tolist(), found[:, 0].tolist(), cells.tolist(), strict=True)
-            if score > 0.0
-        ]
+        found = self._best(points, guess, shift, min(turn, math.pi), count, rough=True)
+        return [(score / (WALL * len(points)), place) for score, place, _ in found if score > 0.0]
 
     def _best(
-        self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int
+        self, points: FloatArray, guess: SE2, shift: float, turn: float, count: int, *, rough: bool = False
     ) -> list[tuple[float, SE2, bool]]:
         """Return scores and poses of the best places, and whether each is on the border of the window."""
-        config = self._config
-        reach = math.ceil(shift / config.resolution)
-        half = math.ceil(turn / config.turn_step)
-        turns = np.arange(-half, half + 1, dtype=np.float64) * config.turn_step
-        cost = config.shift_cost * config.resolution * WALL * len(points)
-        clear = math.ceil(config.same_place / config.resolution)
-        sums = correlate(self._field, self._lattice, points, (*guess,), turns, reach)
-        scores, found = top_places(sums, cost, clear, count)
+        field, lattice = self._rough_field if rough else (self._field, self._lattice)
+        (resolution, _, _), turn_step = lattice, self._config.turn_step * (2.0 if rough else 1.0)
+        cost = 0.0 if rough else self._config.shift_cost * resolution * WALL * len(points)
+        reach, half = math.ceil(shift / resolution), math.ceil(turn / turn_step)
+        turns = np.arange(-half, half + 1, dtype=np.float64) * turn_step
+        clear = math.ceil(self._config.same_place / resolution)
+        scores, found = top_places(correlate(field, lattice, points, (*guess,), turns, reach), cost, clear, count)
         places = []
         for score, (k, row, col) in zip(scores.tolist(), found.tolist(), strict=True):
             up, right = row - reach, col - reach
-            x, y = guess.x + right * config.resolution, guess.y + up * config.resolution
+            x, y = guess.x + right * resolution, guess.y + up * resolution
             at_border = reach > 2 and max(abs(up), abs(right)) == reach
-            places.append((score, SE2(x, y, guess.theta + (k - half) * config.turn_step), at_border))
+            places.append((score, SE2(x, y, guess.theta + (k - half) * turn_step), at_border))
         return places
+
+    @cached_property
+    def _rough_field(self) -> tuple[GainField, PlainLattice]:
+        """The field in cells twice as large."""
+        return coarser_field(self._field, self._lattice)
 
     def fit(self, hits: Hits, guess: SE2) -> Fit:
         """Register hits to the surfaces from an initial guess, and verify them."""

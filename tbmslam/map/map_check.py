@@ -1,8 +1,6 @@
-"""Checks of maps and drives from files, for all formats, and of the memory of the machine."""
+"""Checks of maps and drives from files, for all formats."""
 
 import os
-import sys
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,42 +8,10 @@ import numpy as np
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import FloatArray
+from tbmslam.machine_memory import machine_memory
 from tbmslam.map.drive import Drive
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 from tbmslam.special_file import why_unreadable
-
-_CONTAINER_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
-
-
-@cache
-def machine_memory() -> int:
-    """Return the memory of the machine, or of the container if that has less [B]; no limit if unknown."""
-    return min(_physical(), _own_limit(), *(_limit(Path(file)) for file in _CONTAINER_LIMITS))
-
-
-def _own_limit() -> int:
-    """Return the available address space of this program [bytes]."""
-    try:
-        import resource  # noqa: PLC0415 - not every system has it
-    except ImportError:
-        return sys.maxsize
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return sys.maxsize if limit == resource.RLIM_INFINITY else limit
-
-
-def _physical() -> int:
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):  # not available on all systems
-        return sys.maxsize
-
-
-def _limit(file: Path) -> int:
-    try:
-        return int(file.read_text(encoding="ascii"))
-    except (OSError, ValueError):  # there is none, or it holds "max"
-        return sys.maxsize
-
 
 MAX_CELLS = 400_000_000
 """Largest plausible number of cells: 1 km by 1 km in cells of 5 cm, and 6.4 GB of masses."""

@@ -18,8 +18,8 @@ from tbmslam.kernels.rays.counting import MOST_SCANS, Counts, beam_ends, count_s
 from tbmslam.kernels.rays.insertion import BeamFactors, beams_of_scan, insert_beams, insert_scan
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.surfels.surfels import extent
+from tbmslam.machine_memory import machine_memory
 from tbmslam.map.keyframes import Keyframes
-from tbmslam.map.map_check import machine_memory
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
 

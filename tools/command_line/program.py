@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from typing import IO, Any, NoReturn
 
 from tbmslam.errors import TbmSlamError, printable
+from tbmslam.machine_memory import address_space
 from tools.command_line.interruption import Interruption, handle_interruption, installed_interruption, restore_handlers
 
 _LEAST_MB = 2000
@@ -22,8 +23,8 @@ take more. With less, libraries crash or hang."""
 
 def check_environment() -> None:
     """Refuse a limit on memory, or a number of threads, under which compiled code does not work."""
-    limit = _memory_limit()
-    if limit is not None and limit < _LEAST_MB * 10**6:
+    limit = address_space()
+    if limit < _LEAST_MB * 10**6:
         raise TbmSlamError(
             f"memory is limited to {limit // 10**6} MB (ulimit -v), and compiled code takes up to {_LEAST_MB} MB: "
             "raise the limit to 2000000 kB or more"
@@ -33,16 +34,6 @@ def check_environment() -> None:
         raise TbmSlamError(
             f"NUMBA_NUM_THREADS is {threads!r}, not a number of threads: set it to 1 or more, or leave it unset"
         )
-
-
-def _memory_limit() -> int | None:
-    """Return the limit of the program's address space [bytes]; None if there is none or it is unknown."""
-    try:
-        import resource
-    except ImportError:
-        return None
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def escape_output() -> None:

@@ -1,30 +1,10 @@
 import math
-import os
-import sys
 
 import pytest
 
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.map import map_check
 from tbmslam.map.map_check import MAX_CELLS, MapFileError, check_geometry, check_size
-
-
-def test_a_machine_has_memory_and_not_endlessly_much():
-    assert 1e8 < map_check.machine_memory() < 1e15
-
-
-def test_a_container_may_have_less(tmp_path, monkeypatch):
-    for name, text in (("max", "max\n"), ("small", "12345678\n")):
-        (tmp_path / name).write_text(text)
-    monkeypatch.setattr(map_check, "_CONTAINER_LIMITS", [str(tmp_path / name) for name in ("max", "none", "small")])
-    assert map_check.machine_memory.__wrapped__() == 12345678
-
-
-def test_an_unknown_limit_is_no_limit(monkeypatch):
-    monkeypatch.setattr(map_check, "_CONTAINER_LIMITS", ("/none",) * 2)
-    monkeypatch.delattr(os, "sysconf")
-    assert map_check.machine_memory.__wrapped__() == sys.maxsize
-
 
 GOOD = GridGeometry(0.05, -1.0, 2.0, 20000, 20000)
 
