@@ -109,18 +109,22 @@ class Reading:
         Raises
         ------
         ValueError
-            A pose is not finite or beyond `FARTHEST_PLACE`, a stamp or angle of the scan is not finite, all of its
-            beams have one direction, or a range is negative.
+            A pose is not finite or beyond `FARTHEST_PLACE`, a number of the scan is not finite (range_max may be
+            infinite), all of its beams have one direction, or a range is negative.
         """
         _check_pose("T_odom_robot", self.T_odom_robot)
         _check_pose("T_robot_sensor", self.T_robot_sensor)
         _check_pose("T_odom_swept", self.T_odom_swept)
         scan = self.scan
-        if not math.isfinite(scan.stamp + scan.angle_min + scan.angle_increment):
+        _check_pose("beam_step", scan.beam_step)
+        numbers = scan.stamp, scan.angle_min, scan.angle_increment, scan.range_min, scan.time_increment
+        if not math.isfinite(sum(numbers)):
             raise ValueError(
-                "stamp, angle_min and angle_increment must be finite, got "
-                f"{scan.stamp}, {scan.angle_min}, {scan.angle_increment}"
+                "stamp, angle_min, angle_increment, range_min and time_increment must be finite, got "
+                f"{', '.join(map(str, numbers))}"
             )
+        if math.isnan(scan.range_max):
+            raise ValueError("range_max must be a number, got nan: inf means unlimited")
         if scan.angle_increment == 0.0 and len(scan.ranges) > 1:
             raise ValueError(
                 f"angle_increment must not be 0 with more than one beam, got 0 and {len(scan.ranges)} beams"

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,12 +82,25 @@ def test_poses_that_compiled_code_cannot_take_are_refused(name, pose):
         Slam().process(Reading(scan([1.0, 2.0]), **poses))
 
 
-@pytest.mark.parametrize("numbers", [(math.nan, 0.0, 0.1), (0.0, math.inf, 0.1), (0.0, 0.0, math.nan)])
-def test_stamps_and_angles_that_are_no_numbers_are_refused(numbers):
-    stamp, angle_min, step = numbers
-    bad = LaserScan(stamp, angle_min, step, 0.1, 30.0, np.ones(3))
-    with pytest.raises(ValueError, match="stamp, angle_min and angle_increment must be finite, got"):
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("name", ["stamp", "angle_min", "angle_increment", "range_min", "time_increment"])
+def test_numbers_of_a_scan_that_are_not_finite_are_refused(name, wrong):
+    bad = replace(scan([1.0, 2.0, 3.0]), **{name: wrong})
+    with pytest.raises(ValueError, match=f"range_min and time_increment must be finite, got .*{wrong}"):
         Slam().process(Reading(bad, None))
+
+
+def test_a_beam_step_that_compiled_code_cannot_take_is_refused():
+    bad = replace(scan([1.0, 2.0]), beam_step=SE2(0.0, math.nan, 0.0))
+    with pytest.raises(ValueError, match=r"beam_step must be finite and within 1e\+08 m, got SE2"):
+        Slam().process(Reading(bad, None))
+
+
+def test_a_largest_range_may_be_infinite_but_not_nan():
+    unlimited = replace(scan([1.0, 2.0]), range_max=math.inf)
+    Reading(unlimited, None).check()
+    with pytest.raises(ValueError, match="range_max must be a number, got nan"):
+        Slam().process(Reading(replace(unlimited, range_max=math.nan), None))
 
 
 @pytest.mark.parametrize("wrong", [-1.5, -math.inf])
