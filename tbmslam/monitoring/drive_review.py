@@ -204,13 +204,17 @@ class DriveReview:
         """Return the warning for the last of some changes; `ends` are the stamps at the ends of the parts [s]."""
         number, turn = len(changes), math.degrees(changes[-1].turn)
         x, y, stated = keyframes.sensor_poses[0].tolist()
-        yaw = math.remainder(stated + sum(change.turn for change in changes), math.tau)
+        yaws = stated + np.cumsum([0.0, *(change.turn for change in changes)])
+        before, after = (
+            f"--sensor-pose {x:.2f} {y:.2f} {math.degrees(math.remainder(yaw, math.tau)):.0f}" for yaw in yaws[-2:]
+        )
         begin = ends[number - 2] - self._started if number > 1 else 0.0
         turned, end = ends[number - 1] - self._started, ends[number] - self._started
         text = (
-            f"the laser turned by {abs(turn):.0f} degrees to the {'left' if turn > 0.0 else 'right'} on the "
-            f"robot: split the recording there: map the first part with --interval {begin:.1f} {turned:.1f}, and the "
-            f"second with --interval {turned:.1f} {end:.1f} with --sensor-pose {x:.2f} {y:.2f} {math.degrees(yaw):.0f}"
+            f"the laser turned by {abs(turn):.0f} degrees to the {'left' if turn > 0.0 else 'right'} on the robot: "
+            f"split the recording there: map the first part with --interval {begin:.1f} {turned:.1f}"
+            f"{f' with {before}' if number > 1 else ''}, and the second with --interval {turned:.1f} {end:.1f} "
+            f"with {after}"
         )
         return EndWarning("mount change", text, ends[number - 1], all_along=False)
 

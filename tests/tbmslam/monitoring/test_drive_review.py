@@ -161,9 +161,9 @@ def test_a_knocked_laser_is_reported_with_its_time_and_the_remedy():
     first, second = drive_review_said(knocked=(100, 200))
     assert (first.stamp, second.stamp) == (STARTED + 55.0, STARTED + 105.0)
     assert "turned by 15 degrees to the left" in first.what
-    assert "--interval 0.0 55.0" in first.what
+    assert "--interval 0.0 55.0, and the second" in first.what
     assert "--interval 55.0 105.0 with --sensor-pose 0.30 0.00 21" in first.what
-    assert "--interval 55.0 105.0, and the second" in second.what
+    assert "--interval 55.0 105.0 with --sensor-pose 0.30 0.00 21, and the second" in second.what
     assert "--interval 105.0 154.6 with --sensor-pose 0.30 0.00 36" in second.what
     assert not first.all_along
     assert drive_review_said(MountCheckConfig(enabled=False), knocked=(100,)) == []
