@@ -141,12 +141,13 @@ class Slam:
         return True
 
     def _optimised(self, keyframes: Keyframes) -> OptimisedDrive | None:
-        """Return the drive after loop closures and adjustment; None if both are disabled."""
+        """Return the drive after loop closures and adjustment; None without loop closing or a second keyframe."""
         drive = self._back_end.closed(self._drive.buffer.keyframes, keyframes, self._progress)
         return None if drive is None else self._back_end.adjusted(drive, self._progress)
 
     def _final_poses(self, tracked: FloatArray, optimised: OptimisedDrive | None) -> FloatArray:
         """Return the poses (N, 3) of the robot at all readings, by the tracked poses (N, 3)."""
+        self.correction_m = 0.0
         if optimised is None:
             return tracked
         poses = self._drive.buffer.corrected(tracked, optimised.poses)

@@ -170,8 +170,11 @@ def test_empty_and_blind_scans_pass_through():
     assert tbm_map.grid.is_known().any()
 
 
-def test_no_readings_make_an_empty_map():
-    tbm_map = Slam().finish()
+def test_no_readings_make_an_empty_map_without_a_correction():
+    slam = Slam()
+    slam.correction_m = 0.3  # that of an earlier map
+    tbm_map = slam.finish()
+    assert slam.correction_m == 0.0
     assert len(tbm_map.drives[0].trajectory) == 0
     assert not tbm_map.grid.is_known().any()
 
