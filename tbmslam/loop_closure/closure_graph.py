@@ -66,9 +66,11 @@ class ClosureGraph:
     def optimise(self, precision: float = 1e-4) -> None:
         """Solve for the poses; poses between two closures follow both."""
         self._add_new()
-        if self.closures:
-            nodes = self._nodes()
-            self._solve(self._chain.between(nodes), nodes, precision)
+        if not self.closures:
+            self.poses = self._tracked.copy()
+            return
+        nodes = self._nodes()
+        self._solve(self._chain.between(nodes), nodes, precision)
 
     def pull_together(self) -> None:
         """Solve for the poses with the added closures, whatever their distance from the poses.

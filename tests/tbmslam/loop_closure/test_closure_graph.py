@@ -65,3 +65,14 @@ def test_a_closure_that_contradicts_the_others_is_dropped():
     graph.drop_contradictions()
     assert sorted(graph.closures) == [(k, 0) for k in (20, 25, 30, 35, 39)]
     assert graph.poses[39, 1] == pytest.approx(0.0, abs=0.05)
+
+
+def test_the_poses_are_as_tracked_after_the_last_closure_was_dropped():
+    graph = graph_of(40, step=0.5)
+    tracked = graph.poses.copy()
+    graph.add([PlacedBundle(39, 0, 0, SE2(19.5, 20.0, 0.0), SURE), PlacedBundle(39, 1, 0, SE2(19.5, -20.0, 0.0), SURE)])
+    graph.pull_together()
+    assert np.abs(graph.poses - tracked).max() > 0.01
+    graph.drop_contradictions()
+    assert graph.closures == {}
+    np.testing.assert_array_equal(graph.poses, tracked)
