@@ -50,10 +50,15 @@ class BackEnd:
         if config.loop_closing.enabled and isinstance(config.tracker, SurfelTrackerConfig):
             self._closer = LoopCloser(config.loop_closing, config.tracker.surfels)
 
+    @property
+    def closes_loops(self) -> bool:
+        """Whether it closes loops: not if that is disabled, nor for the grids of other trackers."""
+        return self._closer is not None
+
     def closed(
         self, tracked: Sequence[TrackedKeyframe], keyframes: Keyframes, progress: Progress
     ) -> OptimisedDrive | None:
-        """Return the drive after closing loops; None if loop closure is disabled or finds none."""
+        """Return the drive after closing loops; None if this is disabled or there are fewer than two keyframes."""
         if self._closer is None or len(keyframes) < 2:
             return None
         measured = motions(tracked)

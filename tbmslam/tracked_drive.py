@@ -67,8 +67,8 @@ class TrackedDrive:
         return packed(kept, poses[[keyframe.index for keyframe in kept]].reshape(-1, 3))
 
     def _forget_where_full(self) -> None:
-        """Remove redundant keyframes if there are too many."""
-        if self.buffer.is_full():
+        """Remove redundant keyframes if there are too many; only closed loops tell which are redundant."""
+        if self.buffer.is_full() and self._back_end.closes_loops:
             keyframes = self.keyframes(self.poses())
             drive = self._back_end.closed(self.buffer.keyframes, keyframes, Progress())
             if drive is not None:
