@@ -52,7 +52,7 @@ class TrackedDrive:
         if self.front_end.is_keyframe(placement):
             self._forget_where_full()
             self.buffer.add(self.front_end.learn(placement, len(self.stamps)))
-            self.monitor.note_keyframe(reading, placement.T_map_robot)
+            self.monitor.note_keyframe(reading, len(self.stamps), placement.T_map_robot)
         self.stamps.append(placement.scan.stamp)
         self._poses.extend(placement.T_map_robot)
         return placement

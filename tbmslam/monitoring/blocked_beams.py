@@ -17,27 +17,25 @@ _MOST_TOLD = 3
 
 
 class _Span(NamedTuple):
+    """Beams, and the readings from `begin` until before `until` in which they were blocked."""
+
     begin: float
     until: float
     beams: IntArray
 
 
 class BlockedSpans:
-    """The times in which beams were blocked."""
+    """The readings in which beams were blocked, by index: their stamps may step back."""
 
     def __init__(self) -> None:
         self._ended: list[_Span] = []
         self._latest: dict[bytes, int] = {}  # the last span of the same beams
-        self._times: FloatArray | None = None  # begin and end (S, 2) of the ended spans, made on demand
+        self._bounds: FloatArray | None = None  # begin and end (S, 2) of the ended spans, made on demand
 
-    def __len__(self) -> int:
-        """Return the number of spans that ended; overlapping spans of the same beams are one."""
-        return len(self._ended)
-
-    def end(self, beams: BoolArray, since: FloatArray, stamp: float) -> None:
-        """Note that beams (B,) are no longer blocked at a stamp [s]; they were blocked since stamps (B,) [s]."""
-        for span in _spans(beams, since, stamp):
-            self._times = None
+    def end(self, beams: BoolArray, since: FloatArray, index: float) -> None:
+        """Note that beams (B,) are no longer blocked at a reading; they were blocked since readings (B,)."""
+        for span in _spans(beams, since, index):
+            self._bounds = None
             same = span.beams.tobytes()
             number = self._latest.get(same, -1)
             last = self._ended[number] if number >= 0 else None
@@ -52,12 +50,12 @@ class BlockedSpans:
         """Return whether any span has ended."""
         return bool(self._ended)
 
-    def cleared(self, scan: LaserScan, beams: BoolArray, since: FloatArray) -> LaserScan:
-        """Return a scan without the beams that were blocked at its time; the given ones (B,) still are, as in `end`."""
-        if self._times is None:
-            self._times = np.array([span[:2] for span in self._ended], dtype=np.float64).reshape(-1, 2)
-        at = np.flatnonzero((self._times[:, 0] <= scan.stamp) & (scan.stamp < self._times[:, 1]))
-        still = (span for span in _spans(beams, since, math.inf) if span.begin <= scan.stamp)
+    def cleared(self, scan: LaserScan, index: int, beams: BoolArray, since: FloatArray) -> LaserScan:
+        """Return the scan of a reading without the beams that were blocked then; beams (B,) still are, as in `end`."""
+        if self._bounds is None:
+            self._bounds = np.array([span[:2] for span in self._ended], dtype=np.float64).reshape(-1, 2)
+        at = np.flatnonzero((self._bounds[:, 0] <= index) & (index < self._bounds[:, 1]))
+        still = (span for span in _spans(beams, since, math.inf) if span.begin <= index)
         hidden = np.zeros(len(scan.ranges), dtype=np.bool_)
         for span in (*(self._ended[number] for number in at.tolist()), *still):
             if span.beams[-1] < len(hidden):  # they rise
@@ -66,8 +64,8 @@ class BlockedSpans:
 
 
 def _spans(beams: BoolArray, since: FloatArray, until: float) -> list[_Span]:
-    """Return the spans of blocked beams (B,), one for each time at which beams became blocked."""
-    return [_Span(float(stamp), until, np.flatnonzero(beams & (since == stamp))) for stamp in np.unique(since[beams])]
+    """Return the spans of blocked beams (B,), one for each reading at which beams became blocked."""
+    return [_Span(float(begin), until, np.flatnonzero(beams & (since == begin))) for begin in np.unique(since[beams])]
 
 
 def directions(scan: LaserScan, beams: BoolArray) -> str:
@@ -106,14 +104,15 @@ class BlockedBeamsConfig(FrozenConfig):
 class BlockedBeams:
     """Detects blocked beams while the robot moves.
 
-    `blocked` (B,) is the mask of the beams that are blocked now, and `any_blocked` whether any are.
+    `blocked` (B,) is the mask of the beams that are blocked now, and `any_blocked` whether any are. `since` (B,) are
+    their stamps since when they are blocked [s].
     """
 
     def __init__(self, config: BlockedBeamsConfig) -> None:
         self._config = config
         soon = config.very_near, config.soon, config.soon_turned
         self._limits = (config.spread, config.near, config.travelled, config.turned, *soon)
-        self._last: SE2 | None = None
+        self._last: tuple[SE2, SE2 | None] | None = None
         self._spans = BlockedSpans()
         self._forget(0)
 
@@ -125,27 +124,26 @@ class BlockedBeams:
         self._hides = False
         self._state: FloatArray = np.zeros((5, beams))  # see `follow_beams`
         self._state[0] = np.nan
+        self.since: FloatArray = np.zeros(beams)
         self._distance = self._turn = 0.0
 
-    @property
-    def since(self) -> FloatArray:
-        """Stamps (B,) since when the blocked beams are blocked [s]."""
-        since: FloatArray = self._state[1]
-        return since
-
-    def learn(self, scan: LaserScan, T_odom_robot: SE2) -> bool:
-        """Learn from a scan, and return whether further beams are blocked."""
+    def learn(self, scan: LaserScan, index: int, T_map_robot: SE2, T_odom_robot: SE2 | None = None) -> bool:
+        """Learn from the scan of a reading, and return whether further beams are blocked."""
         if len(scan.ranges) != len(self.blocked):
-            self._spans.end(self.blocked, self.since, scan.stamp)
+            self._spans.end(self.blocked, self._state[1], index)
             self._forget(len(scan.ranges))
             self._last = None
-        last = self._last or T_odom_robot
-        distance = math.hypot(T_odom_robot.x - last.x, T_odom_robot.y - last.y)
-        turn = math.remainder(T_odom_robot.theta - last.theta, 2.0 * math.pi)
-        if self._last is not None and distance < self._config.step and abs(turn) < self._config.step:
+        here = T_map_robot, T_odom_robot
+        (T_map_last, T_odom_last), is_first = self._last or here, self._last is None
+        now, last = T_map_robot, T_map_last
+        if T_odom_robot is not None and T_odom_last is not None:  # blocked beams seem to stand, and so does the scan
+            now, last = T_odom_robot, T_odom_last
+        distance = math.hypot(now.x - last.x, now.y - last.y)
+        turn = math.remainder(now.theta - last.theta, 2.0 * math.pi)
+        if not is_first and distance < self._config.step and abs(turn) < self._config.step:
             return False
-        self._last = T_odom_robot
-        return self._follow(scan, distance, turn)
+        self._last = here
+        return self._follow(scan, index, distance, turn)
 
     def without(self, scan: LaserScan) -> LaserScan:
         """Return the scan without the ranges of blocked beams; a beam that sees farther again keeps its range.
@@ -161,20 +159,21 @@ class BlockedBeams:
         """Return whether any beam was ever blocked."""
         return self._spans.were_any() or self.any_blocked
 
-    def cleared(self, scan: LaserScan) -> LaserScan:
-        """Return an earlier scan without the beams that were blocked at its time."""
-        return self._spans.cleared(scan, self.blocked, self.since)
+    def cleared(self, scan: LaserScan, index: int) -> LaserScan:
+        """Return the scan of an earlier reading without the beams that were blocked then."""
+        return self._spans.cleared(scan, index, self.blocked, self._state[1])
 
-    def _follow(self, scan: LaserScan, distance: float, turn: float) -> bool:
+    def _follow(self, scan: LaserScan, index: int, distance: float, turn: float) -> bool:
         config, ranges = self._config, scan.ranges
         self._distance, self._turn = self._distance + distance, self._turn + turn
         if self.any_blocked:
             ends = np.isfinite(ranges) & ~(np.abs(ranges - self._state[0]) <= config.spread)
-            self._spans.end(ends & self.blocked, self.since, scan.stamp)
-        here = scan.stamp, self._distance, self._turn, distance
+            self._spans.end(ends & self.blocked, self._state[1], index)
+        here = float(index), self._distance, self._turn, distance
         blocked, suspected, any_blocked, any_suspected = follow_beams(
             self._state, ranges, here, self._limits, config.fewest
         )
+        self.since[self._state[1] == index] = scan.stamp
         more = any_blocked and bool((blocked & ~self.blocked).any())
         self._hides = any_blocked or any_suspected
         self._hidden = blocked | suspected if self._hides else blocked
@@ -209,12 +208,12 @@ class LaserView:
         self._raw = scan
         return self._beams.without(scan)
 
-    def learn(self, T_odom_robot: SE2) -> None:
-        """Learn from the last scan after the robot has moved."""
+    def learn(self, index: int, T_map_robot: SE2, T_odom_robot: SE2 | None = None) -> None:
+        """Learn from the last scan, that of a reading, after the robot has moved."""
         scan = self._raw
         if scan is None:
             return
-        if self._beams.learn(scan, T_odom_robot):
+        if self._beams.learn(scan, index, T_map_robot, T_odom_robot):
             self._report(scan, self._beams)
         elif self._beams.any_blocked:
             self._note(scan, self._beams.blocked)
@@ -223,9 +222,9 @@ class LaserView:
         """Return whether any beam was ever blocked."""
         return self._beams.were_any()
 
-    def cleared(self, scan: LaserScan) -> LaserScan:
-        """Return an earlier scan without the beams that were blocked at its time."""
-        return self._beams.cleared(scan)
+    def cleared(self, scan: LaserScan, index: int) -> LaserScan:
+        """Return the scan of an earlier reading without the beams that were blocked then."""
+        return self._beams.cleared(scan, index)
 
     def _report(self, scan: LaserScan, found: BlockedBeams) -> None:
         """Report beams that were not blocked lately, with the time since when they are blocked."""

@@ -64,19 +64,20 @@ class DriveMonitor:
             self.incidents.add(scan.stamp, what)
         self._before = scan, match.T_map_sensor
 
-    def note_keyframe(self, reading: Reading, T_map_robot: SE2) -> None:
+    def note_keyframe(self, reading: Reading, index: int, T_map_robot: SE2) -> None:
         """Compare the motions by odometry and by scans, and look for blocked beams."""
         if self._odometry.disagrees(reading.T_odom_robot, T_map_robot):
             self.incidents.add(reading.scan.stamp, DISAGREE)
         if self._view is not None:
-            self._view.learn(reading.T_odom_robot or T_map_robot)
+            self._view.learn(index, T_map_robot, reading.T_odom_robot)
 
     def cleared_keyframes(self, keyframes: Sequence[TrackedKeyframe]) -> Sequence[TrackedKeyframe]:
         """Return keyframes without the beams that were blocked at their times."""
         view = self._view
         if view is None or not view.were_any_blocked():
             return keyframes
-        cleared = ((keyframe, scan, view.cleared(scan)) for keyframe in keyframes for scan in [keyframe.scan])
+        scans = ((keyframe, keyframe.scan) for keyframe in keyframes)
+        cleared = ((keyframe, scan, view.cleared(scan, keyframe.index)) for keyframe, scan in scans)
         return [keyframe if after is before else keyframe.with_scan(after) for keyframe, before, after in cleared]
 
     def warn_of_whole_drive(self, subject: str, what: str, start: float) -> None:

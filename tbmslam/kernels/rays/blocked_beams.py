@@ -17,20 +17,20 @@ def follow_beams(
     Parameters
     ----------
     state
-        (5, B): the range since which a beam is constant [m], the stamp [s] and the distance travelled [m] at its begin,
-        and the largest and the smallest heading with a return since then [rad]. The distance also grows by the steps
-        without a return.
+        (5, B): the range since which a beam is constant [m], the index of the reading and the distance travelled [m] at
+        its begin, and the largest and the smallest heading with a return since then [rad]. The distance also grows by
+        the steps without a return.
     ranges
         The present ranges (B,) [m].
     here
-        The present stamp [s], distance travelled [m] and heading [rad], and the distance since the last scan [m].
+        The present reading's index, distance travelled [m] and heading [rad], and the distance since the last scan [m].
     limits
         Largest difference between constant ranges; largest range; distance and rotation after which a constant beam is
         blocked; largest range, distance and rotation for very near beams [m, rad].
     fewest
         Least number of neighbouring beams that are blocked, or suspected, together.
     """
-    stamp, path_length, turn, step = here
+    index, path_length, turn, step = here
     spread, near, travelled, turned, very_near, soon, soon_turned = limits
     blocked, suspected = cleared(np.empty(len(ranges), dtype=np.bool_)), cleared(np.empty(len(ranges), dtype=np.bool_))
     for i in range(len(ranges)):
@@ -39,7 +39,7 @@ def follow_beams(
             state[2, i] += step
         else:
             if not abs(ranges[i] - state[0, i]) <= spread:  # a changed range is not a part of the robot
-                state[0, i], state[1, i], state[2, i] = ranges[i], stamp, path_length
+                state[0, i], state[1, i], state[2, i] = ranges[i], index, path_length
                 state[3, i] = state[4, i] = turn
             state[3, i], state[4, i] = max(state[3, i], turn), min(state[4, i], turn)
         if state[0, i] < near:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from datasets.synthetic.robot.simulation import poses_at
+from tbmslam.configuration.parameters import changed
+from tbmslam.configuration.slam_config import SlamConfig
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.drive_monitor import LOST, LOST_WITHOUT_ODOMETRY
@@ -97,6 +99,30 @@ def test_covered_beams_do_not_end_up_in_the_map(robot):
     assert align_trajectories(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.2
     kept = np.concatenate([drive.keyframes.scan(k).ranges for k in range(len(drive.keyframes))])
     assert not (np.abs(kept - 0.3) < 1e-6).any()
+
+
+def test_covered_beams_do_not_end_up_in_the_map_if_the_clock_steps_back(robot):
+    readings = []
+    for k, reading in enumerate(robot.readings):
+        ranges = reading.scan.ranges.copy()
+        if k < 90:
+            ranges[40:80] = 0.3
+        stamp = reading.scan.stamp - (1000.0 if k >= 60 else 0.0)
+        readings.append(reading.with_scan(replace(reading.scan, stamp=stamp, ranges=ranges)))
+    _, drive = mapped(readings)
+    kept = np.concatenate([drive.keyframes.scan(k).ranges for k in range(len(drive.keyframes))])
+    assert not (np.abs(kept - 0.3) < 1e-6).any()
+
+
+def test_odometry_that_starts_later_is_no_motion_past_near_walls(robot):
+    """Its frame is not that of the map."""
+    slam, reading = Slam(changed(SlamConfig(), {"keyframes": {"distance": 0.0}})), robot.readings[0]
+    ranges = np.where(np.arange(181) < 40, 0.3, reading.scan.ranges)
+    for k in range(20):
+        scan = replace(reading.scan, stamp=0.2 * k, ranges=ranges)
+        slam.process(replace(reading, scan=scan, T_odom_robot=SE2(100.0, 0.0, 2.0) if k >= 10 else None))
+    slam.finish()
+    assert not any("a part of the robot" in text for text in said(slam))
 
 
 def test_many_incidents_are_not_all_listed(robot, caplog):
