@@ -50,16 +50,23 @@ class Incidents:
     """Incidents in the order in which they were found; after the first hundred they are only counted."""
 
     _kept: list[Incident] = field(default_factory=list)
-    number: int = 0
+    _found: int = 0
     _concluded: list[Incident] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Incident]:
-        """Yield the kept incidents, see `in_order`."""
-        return iter(in_order(self._kept))
+        """Yield up to a hundred incidents, see `in_order`; those of the whole drive are kept before all others."""
+        whole = [incident for incident in self._concluded if incident.all_along]
+        others = [incident for incident in self._concluded if not incident.all_along]
+        return iter(in_order([*whole, *self._kept, *others][:_MOST_KEPT]))
 
     def __len__(self) -> int:
-        """Return the number of kept incidents."""
-        return len(self._kept)
+        """Return the number of incidents that are yielded."""
+        return min(len(self._kept) + len(self._concluded), _MOST_KEPT)
+
+    @property
+    def number(self) -> int:
+        """Number of all incidents."""
+        return self._found + len(self._concluded)
 
     def add(self, stamp: float, what: str, seconds: float = 0.0) -> int:
         """Add an incident and return its number; the continuation of an earlier incident extends that one."""
@@ -68,28 +75,17 @@ class Incidents:
             if known.what == what and 0.0 <= stamp - known.stamp - known.seconds <= SOON_S:
                 self.lengthen(number, stamp + seconds)
                 return number
-        self.number += 1
         if len(self._kept) < _MOST_KEPT:
             self._kept.append(Incident(stamp, what, seconds))
-        return self.number - 1
+        self._found += 1
+        return self._found - 1
 
     def conclude(self, stamp: float, what: str, seconds: float, *, all_along: bool = False) -> None:
-        """Add an incident at the end of a drive, until the drive continues (see `reopen`).
-
-        Incidents of the whole drive (`all_along`) are kept before all others.
-        """
-        incident = Incident(stamp, what, seconds, all_along)
-        self.number += 1
-        self._kept.insert(0 if all_along else len(self._kept), incident)
-        del self._kept[_MOST_KEPT:]
-        self._concluded.append(incident)
+        """Add an incident at the end of a drive, until the drive continues (see `reopen`)."""
+        self._concluded.append(Incident(stamp, what, seconds, all_along))
 
     def reopen(self) -> None:
         """Remove the incidents of the end of the drive, because the drive continues or ends again."""
-        for incident in self._concluded:
-            self.number -= 1
-            if incident in self._kept:
-                self._kept.remove(incident)
         self._concluded.clear()
 
     def lengthen(self, number: int, stamp: float) -> None:
@@ -108,7 +104,7 @@ class EndWarning(NamedTuple):
     """A warning at the end of a drive."""
 
     subject: str
-    """Its subject, one word."""
+    """Its subject."""
     what: str
     """The fact and the remedy."""
     stamp: float = 0.0

@@ -116,3 +116,13 @@ def test_what_there_was_no_room_for_is_taken_back_too():
     assert (len(incidents), incidents.number) == (100, 101)
     incidents.reopen()
     assert (len(incidents), incidents.number) == (100, 100)
+
+
+def test_an_incident_that_a_warning_of_the_whole_drive_pushed_out_returns():
+    incidents = Incidents()
+    numbers = [incidents.add(10.0 * k, "x") for k in range(100)]
+    incidents.conclude(0.0, "a wrong scale", 60.0, all_along=True)
+    assert [incident.stamp for incident in incidents][-1] == 980.0
+    incidents.reopen()
+    incidents.lengthen(numbers[-1], 992.0)
+    assert [(incident.stamp, incident.seconds) for incident in incidents][-1] == (990.0, 2.0)
