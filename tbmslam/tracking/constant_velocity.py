@@ -89,8 +89,9 @@ class ConstantVelocity:
             return 0.0
         ratio = min(max(stamp - self.stamp, 0.0) / self._duration, _LONGEST)
         # Along a line: the heading hardly changes within a step, and a constant twist takes ten times as long.
-        (before_x, before_y, _), (x, y, _) = self._last_move
-        return math.hypot(pose[0] - x - ratio * (x - before_x), pose[1] - y - ratio * (y - before_y))
+        (before_x, before_y, _), (after_x, after_y, _) = self._last_move
+        x, y, _ = self.T_map_robot
+        return math.hypot(pose[0] - x - ratio * (after_x - before_x), pose[1] - y - ratio * (after_y - before_y))
 
     def follow(self, stamp: float, T_map_robot: SE2, stops: bool) -> None:
         """Take a pose as the last one; `stops` forgets the motion to it."""

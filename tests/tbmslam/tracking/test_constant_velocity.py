@@ -58,6 +58,13 @@ def test_a_pose_swerves_by_its_distance_from_the_last_motion():
     assert model.swerve(SE2(-0.1, 0.4, 0.0), 2 * STEP) == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("stamp", [STEP, STEP - 5.0])
+def test_a_pose_swerves_from_the_last_pose_also_where_stamps_repeat_or_step_back(stamp):
+    model = at(SE2.identity(), SE2(0.1, 0.0, 0.0))
+    model.follow(stamp, SE2(0.2, 0.0, 0.0), stops=False)
+    assert model.swerve(SE2(0.3, 0.0, 0.0), stamp + STEP) == pytest.approx(0.0)
+
+
 @pytest.mark.parametrize("deviation", [0.02, 0.05, 0.3])
 def test_the_change_of_the_turning_speed_is_learnt(deviation):
     """Also from scans that determine the heading to three quarters."""
