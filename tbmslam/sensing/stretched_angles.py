@@ -15,6 +15,8 @@ _NEARLY = 0.02  # share of a step by which the stated field of view may differ
 
 def round_step_deg(beams: int, angle_increment: float) -> float | None:
     """Return the step before a stated step [rad] was stretched [degrees]; None if it was not stretched."""
+    if beams < 2:
+        return None
     fan = math.degrees(abs(angle_increment)) * (beams - 1)
     return next((step for step in _ROUND_STEPS_DEG if abs(fan - step * beams) < _NEARLY * step), None)
 

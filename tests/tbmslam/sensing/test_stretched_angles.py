@@ -19,6 +19,7 @@ from tbmslam.sensing.stretched_angles import round_step_deg, unstretched
         (180, 1.0, None),
         (180, 1.003, None),
         (1, 1.0, None),
+        (0, 0.0, None),
     ],
 )
 def test_the_step_before_it_was_stretched(beams, stated, step):
