@@ -1,8 +1,8 @@
 """Check of the stated laser geometry: the angle step and the range offset are fitted to the walls of the drive.
 
-The angles between beams may be too large by a constant share. If a scan takes time while the robot turns, they are also
-too large in proportion to the turn rate. Ranges may have an offset. These errors rotate and shift each sighting of a
-wall about the laser, so their equations follow from those of the poses.
+The stated angles between beams may be too small by a constant share. If a scan takes time while the robot turns in the
+beams' direction, they are also too small in proportion to the turn rate. Ranges may have an offset. These errors rotate
+and shift each sighting of a wall about the laser, so their equations follow from those of the poses.
 """
 
 import logging
@@ -34,7 +34,7 @@ _DAMPING = 1.0
 _NUMBERS = 3
 _SCALE, _OFFSET, _SWEEP = range(_NUMBERS)
 """Relative error of the angles between beams, offset of the ranges [m], time of a beam's rotation by a radian [s]."""
-_PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0  # prior information of the same, from the largest plausible errors
+_PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0  # prior information of the same, from their standard deviations
 _SHIFT = 0.382
 """Shift of the cells of wall pieces in each round, as a share of a cell, so that no fixed cell borders matter."""
 _NO_MOTIONS = MotionSystem(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3, 3)))
@@ -166,7 +166,9 @@ _FARTHEST = np.array([0.1, 0.5])
 def fit_laser(
     keyframes: Keyframes, hits: ScanHits, poses: FloatArray, config: LaserFitConfig, pieces: AdjustmentConfig
 ) -> LaserErrors | None:
-    """Estimate the errors of the stated laser geometry; None if the drive or the field of view is too small.
+    """Estimate the errors of the stated laser geometry.
+
+    None if the drive or the field of view is too small, or if the estimate does not converge.
 
     `poses` (K, 3) are the adjusted poses of the laser at the keyframes. `config` and `pieces` are the parameters of the
     fit and of wall pieces.
@@ -205,7 +207,7 @@ def _hits_of(hits: ScanHits, scans: IntArray) -> ScanHits:
 
 
 def _settled(parts: Sequence[PartFit], config: LaserFitConfig) -> FloatArray | None:
-    """Improve the parts until their joint estimate (see `_joined`) converges; None if it diverges."""
+    """Improve the parts until their joint estimate (see `_joined`) converges or is negligible, else return None."""
     before, notable = np.full(2, np.inf), np.array([config.notable_scale, config.notable_offset])
     for _ in range(config.rounds):
         found = _joined([part.improved() for part in parts])
@@ -288,8 +290,8 @@ def _longer(offset: float) -> str:
 def _angle_warning(errors: LaserErrors, keyframes: Keyframes, config: LaserCheckConfig) -> str:
     """Return the warning about the angle step; empty if the stated step is plausible.
 
-    A stated step is plausible if the beams cover a full turn, or if it is a usual step of real lasers and the error is
-    less than half the difference to another usual step. A smaller error is one of the fit: of a pitched laser, or of a
+    A stated step is plausible if its error is at most half the least difference of two usual steps, and it is a usual
+    step of real lasers or the beams cover a full turn. Such an error is one of the fit: of a pitched laser, or of a
     part of a building with few walls.
     """
     steps, counts = np.degrees(np.abs(keyframes.beams[:, 1])), np.diff(keyframes.offsets)

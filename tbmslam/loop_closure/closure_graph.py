@@ -17,7 +17,7 @@ from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge,
 _SAME_PLACE = 0.005  # [m]
 _SAME_HEADING = 0.0015  # [rad]
 ROUGHLY = 0.05
-"""Precision of poses from which a search starts."""
+"""Relative decrease of the error at which solving ends, for poses from which a search starts."""
 
 
 class ClosureGraphConfig(FrozenConfig):

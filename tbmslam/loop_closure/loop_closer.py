@@ -46,7 +46,8 @@ _FAR_VOTES = ClosureVotesConfig(
     together=0.5,
     apart=1.0,
 )
-"""A long bundle extends far beyond a target, so a small share of it may match; more bundles must agree."""
+"""A long bundle extends far beyond a target, so a small share of it may match; the votes must have a larger sum and
+margin."""
 
 
 class LoopClosingConfig(FrozenConfig):
@@ -67,7 +68,7 @@ class LoopClosingConfig(FrozenConfig):
     drift: float = Field(0.03, gt=0, description="position drift by travelled length, for the search window [m/m]")
     turn_drift: float = Field(0.006, gt=0, description="heading drift by travelled length [rad/m]")
     max_shift: float = Field(8.0, gt=0, description="largest search window [m]")
-    max_turn: float = Field(0.3, gt=0, description="largest search window [rad]")
+    max_turn: float = Field(0.3, gt=0, description="largest search window without loose steps [rad]")
     surprise: float = Field(0.3, gt=0, description="a closure that moves its keyframe farther is applied at once [m]")
     search_points: int = Field(120, ge=10, description="hits of a bundle used in a search")
     match_points: int = Field(300, ge=10, description="hits of a bundle that are registered to surfaces")
@@ -116,7 +117,7 @@ class _Election(NamedTuple):
     votes: ClosureVotes
     test: DriftTest
     bundle: tuple[float, int]
-    """Path before and after a keyframe [m] whose hits vote, and their largest number."""
+    """Path before and after a keyframe [m] whose hits vote, and their least number."""
 
 
 class _Drive:

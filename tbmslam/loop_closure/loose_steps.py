@@ -13,7 +13,8 @@ _DEVIATIONS = 3.0
 """Number of standard deviations that a search window covers."""
 
 _LARGEST_TURN = 1.5
-"""Largest turn that is searched [rad]. A larger one makes each search longer, and is left to the far search."""
+"""Largest turn that is searched for loose steps [rad]. A larger one makes each search longer, and is left to the far
+search."""
 
 
 class LooseSteps:

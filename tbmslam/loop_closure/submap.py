@@ -26,7 +26,7 @@ from tbmslam.sensing.laser_scan import Hits
 from tbmslam.tracking.surfel_map import SurfelConfig, SurfelMap
 
 _HITS = 160
-"""Hits of each keyframe in a submap: neighbours see the same, and lasers with steps of 1 degree have no more."""
+"""Least number of hits of each keyframe in a submap: neighbours see the same."""
 
 
 class SubmapConfig(FrozenConfig):
@@ -53,7 +53,7 @@ class Find:
     ambiguity: float
     """Score of the best distinct pose, as a share of the score here; 1 is full ambiguity."""
     at_border: bool
-    """Whether the pose is on the border of the search window, so that a better one may be outside."""
+    """Whether its shift is on the border of a window of more than two cells, so that a better one may be outside."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ class Submap:
     def search(self, points: FloatArray, guess: SE2, shift: float, turn: float) -> Find:
         """Find the pose at which points (N, 2) agree best with the submap, within `shift` [m] and `turn` [rad].
 
-        Hits on walls support a pose, hits in free space contradict it, and hits in unknown space do neither. Of equal
-        poses the one nearest to the initial guess is taken.
+        Hits on walls support a pose, hits in free space contradict it, and hits in unknown space do neither. Of poses
+        with equal sums the one with the shortest shift is taken, and with equal shifts the one farthest clockwise.
         """
         (best, place, at_border), (rival, *_) = self._best(points, guess, shift, turn, 2)
         ambiguity = max(rival, 0.0) / best if best > 0.0 else 1.0

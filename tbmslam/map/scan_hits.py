@@ -66,7 +66,8 @@ class DriveHits:
     def placed(self, chosen: npt.NDArray[np.int64], frame: int, at_least: int = _ALL) -> Hits:
         """Return the hits of some keyframes in the frame of a keyframe.
 
-        Only every n-th hit is returned, with the largest n that leaves `at_least` hits; by default all.
+        Only every n-th hit is returned, with n = size // at_least, so that at least `at_least` of as many remain; by
+        default all.
         """
         scans = self.scans
         return Hits(*place_hits(scans.points, scans.normals, scans.offsets, chosen, self.poses, frame, at_least))

@@ -146,7 +146,7 @@ class BlockedBeams:
         return self._follow(scan, index, distance, turn)
 
     def without(self, scan: LaserScan) -> LaserScan:
-        """Return the scan without the ranges of blocked beams; a beam that sees farther again keeps its range.
+        """Return the scan without the ranges of blocked beams; a beam whose range has changed keeps it.
 
         A very short range that has not changed since the last check is removed too.
         """

@@ -176,7 +176,7 @@ class DriveReview:
     def _mount_warnings(
         self, trajectory: Trajectory, keyframes: Keyframes, odometry_poses: FloatArray
     ) -> list[EndWarning]:
-        """Return the warnings for mount and clock of the laser; their means are checked only if it never changed."""
+        """Return the warnings for the laser's mount and clock; if the mount changed, only those of its changes."""
         if not self._mount.enabled or len(keyframes) < 2:
             return []
         sensors = keyframes.all_sensor_poses()

@@ -174,7 +174,7 @@ _FARTHEST = 40.0  # hits beyond are left out, as the tracker leaves them out [m]
 
 
 def agreeing_share(before: LaserScan, after: LaserScan, T_before_after: SE2) -> float:
-    """Return the share of a scan's hits in view of the next scan that this confirms; 1 if few are in view."""
+    """Return the share of a scan's hits that the next scan confirms, of those in its view; 1 if few are in view."""
     points = T_before_after.inverse().apply(before.hits(_FARTHEST).points)
     step, beams = after.angle_increment, len(after.ranges)
     if not len(points) or not beams or step == 0.0:

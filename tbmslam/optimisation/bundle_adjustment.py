@@ -188,9 +188,10 @@ def stretch_begins(poses: FloatArray, config: AdjustmentConfig) -> npt.NDArray[n
 class WallLines:
     """The equations of hits on straight pieces of wall, whose lines move with the poses (N, 3) of the segments.
 
-    Hits with normals define the lines. Other hits, seen from afar or near an edge, belong to the nearest line. Every
-    n-th hit is used. The cells of pieces are offset by `shift` [m]. For `lines`, their sightings, and the equations
-    `own`, `system` and `gradient` see `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
+    Hits with normals define the lines. Other hits, seen from afar or near an edge, are used only if exactly one line of
+    their cell fits. Every n-th hit is used. The cells of pieces are offset by `shift` [m]. For `lines`, their
+    sightings, and the equations `own`, `system` and `gradient` see
+    `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
     """
 
     def __init__(

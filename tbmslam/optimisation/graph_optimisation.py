@@ -90,10 +90,11 @@ def relative_covariance(
     source: int,
     target: int,
 ) -> FloatArray:
-    """Return the covariance (3, 3) of the target pose in the frame of the source pose, with edges as in `optimise`.
+    """Return the covariance (3, 3) of the target pose relative to the source pose, in the target's frame.
 
-    It is a block of the inverse of the Gauss-Newton matrix (Kaess and Dellaert, "Covariance recovery from a square root
-    information matrix for data association", 2009). Chain and closures together connect source and target.
+    Edges are as in `optimise`. The covariance is a block of the inverse of the Gauss-Newton matrix (Kaess and Dellaert,
+    "Covariance recovery from a square root information matrix for data association", 2009). Chain and closures together
+    connect source and target.
     """
     doubted = EdgeArrays.of(closures)
     nodes = np.unique(np.concatenate((chain.ends, doubted.ends)))

@@ -96,7 +96,7 @@ def split_at_intervals(itinerary: Itinerary, intervals: Sequence[tuple[float, fl
 
 
 def private_frame(seed: int, robot: int) -> SE2:
-    """Return T_private_start, a robot's own frame, with a random rotation and a shift of up to 10 m."""
+    """Return T_private_start, a robot's own frame, with a random rotation and a shift of up to 10 m along each axis."""
     generator = np.random.default_rng((seed, robot))
     x, y = generator.uniform(-10.0, 10.0, size=2)
     return SE2(float(x), float(y), float(generator.uniform(-np.pi, np.pi)))
@@ -131,7 +131,7 @@ def _split_evenly(progress: FloatArray, robots: int, overlap: float) -> list[Seg
 def _time_steps(stamps: FloatArray) -> FloatArray:
     """Return the times (N - 1,) between readings by stamps (N,) that may step back [s].
 
-    None passes where they do; and where the clock is set right again, none up to the latest stamp before, or one wrong
+    A step back takes no time. A step past the latest stamp takes the time since that stamp; otherwise a single wrong
     stamp would count as a gap.
     """
     if len(stamps) < 2:

@@ -58,7 +58,7 @@ class ConstantVelocity:
         duration = max(min(self.since(stamp), 1.0), self._usual)
         (floor, per_second), (heading_floor, heading_per_second) = self._position, self._heading
         position, heading = floor + per_second * duration, heading_floor + heading_per_second * duration
-        # Also after gaps and lost scans: with the stated deviation there, aces and fr-clinic err no less.
+        # The learnt factor also applies after gaps and lost scans: aces and fr-clinic err no more.
         return position, position, heading * self._turning.value
 
     def coasting(self, stamp: float) -> Coasting | None:

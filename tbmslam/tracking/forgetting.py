@@ -30,7 +30,7 @@ _FAMILIAR = 0.75
 """Least share of redundant keyframes in a stretch that is forgotten."""
 
 _BESIDE = 8.0
-"""Travelled length before and after a closure that is kept [m]."""
+"""Travelled length before and after the earlier end of a closure that is kept [m]."""
 
 
 def may_be_forgotten(
@@ -40,7 +40,7 @@ def may_be_forgotten(
 
     After a closed loop, in the spirit of G. Kurz et al., "Geometry-based graph pruning for lifelong SLAM", 2021. The
     last of several stretches is kept, so that later keyframes have closures of their own. `poses` (K, 3) are the
-    corrected poses of the laser, and `closures` their corrections. Keyframes before `first` and from `end` on are kept.
+    poses of the laser, corrected by `closures`. Keyframes before `first` and from `end` on are kept.
     """
     travelled = path_lengths(poses)
     is_known = revisited(poses, first, config.reach, config.turn, config.enough)

@@ -97,7 +97,7 @@ class MotionModel:
         """Use the registered pose of a reading as the start of the next step.
 
         A lost scan contradicts its prior. Without odometry the prior is the last motion, which is then forgotten.
-        Otherwise a robot whose scans do not fit circles for minutes (fr-clinic without odometry).
+        Otherwise a robot drives in circles for minutes if its scans do not fit (fr-clinic without odometry).
         """
         now, before = self._lag.pose_at(reading), self._T_odom_robot
         if self._inertia.stamp is None:
@@ -176,7 +176,7 @@ class MotionModel:
 
 
 def _no_coasting() -> None:
-    """Return no pose, since the prior itself comes from the last motion."""
+    """Return no pose: the prior is the first one, comes from the last motion, or is composed by components."""
     return
 
 

@@ -56,7 +56,7 @@ class OdometryFault:
 
 
 def faulty_cost(right: Deviations, inertia: Deviations) -> float:
-    """Return the negative log-likelihood of a pose under faulty odometry; it is 0 at the mean of right odometry.
+    """Return the negative log-likelihood of a pose under faulty odometry, less that of the mean of right odometry.
 
     The arguments are the deviations of the pose by the odometry and by inertia. Under a fault, the robot is equally
     likely anywhere within a deviation of its pose by inertia. The longer the time between two scans, the more places it

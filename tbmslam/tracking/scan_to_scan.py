@@ -45,15 +45,15 @@ _LEAST_POINTS = 30
 """Least number of points. With 15 the error of a drive among pillars without odometry is 13 m, with 30 or without this
 module 10 m (`weak-lasers`)."""
 
-_KEPT = 8
-"""Number of earlier scans. A tilted robot, as over a kerb, sees the ground for one or two scans."""
+_KEPT = 9
+"""Number of scans that are compared. A tilted robot, as over a kerb, sees the ground for one or two scans."""
 
 
 class ScanMotion(NamedTuple):
     """The motion from an earlier scan to a scan."""
 
     motion: SE2
-    """Pose of the scan in the frame of the earlier scan."""
+    """Pose of the scan in the frame of the earlier scan; by `RecentScans.place`, in the frame of the recent scans."""
     deviations: tuple[float, float]
     """Standard deviations of position [m] and heading [rad]."""
     alike: float
@@ -84,7 +84,7 @@ class RecentScans:
         """Add a scan, or replace the scan of the same stamp after a second registration."""
         before = self._before(stamp)
         motion = before[-1].pose.to(pose) if before else SE2.identity()
-        self._scans = [*before, _PlacedScan(stamp, points, pose, motion)][-_KEPT - 1 :]
+        self._scans = [*before, _PlacedScan(stamp, points, pose, motion)][-_KEPT:]
 
     def place(self, stamp: float, points: FloatArray, guess: SE2) -> ScanMotion | None:
         """Return the pose of a scan with hits (N, 2) [m] in the frame of the recent scans; None without such scans.

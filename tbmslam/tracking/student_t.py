@@ -7,7 +7,7 @@ FREEDOM = 4.0
 
 
 def student_cost(squared: float) -> float:
-    """Return the negative log-likelihood of a squared Mahalanobis distance under Student's t, 0 at the mean."""
+    """Return the negative log-likelihood of a squared Mahalanobis distance in three dimensions, 0 at the mean."""
     return 0.5 * (FREEDOM + 3.0) * math.log1p(squared / FREEDOM)
 
 

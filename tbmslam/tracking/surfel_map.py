@@ -34,13 +34,13 @@ from tbmslam.tracking.tracker import PosePrior
 class SurfelConfig(FrozenConfig):
     """The parameters of surfels."""
 
-    resolution: float = Field(0.1, gt=0, description="side of a cell; an element gathers three by three [m]")
+    resolution: float = Field(0.1, gt=0, description="side of a cell; a surfel gathers three by three [m]")
     noise: float = Field(
-        0.01, gt=0, description="standard deviation of a hit beside the spread of those that made its element [m]"
+        0.01, gt=0, description="standard deviation of a hit beside the spread of those that made its surfel [m]"
     )
-    point_size: float = Field(0.03, ge=0, description="up to this spread an element is a point, not a line [m]")
-    clutter: float = Field(0.05, gt=0, description="thickness at which an element counts half [m]")
-    certain_hits: float = Field(8.0, gt=0, description="hits from which on an element counts fully")
+    point_size: float = Field(0.03, ge=0, description="up to this spread a surfel is a point, not a line [m]")
+    clutter: float = Field(0.05, gt=0, description="thickness at which a surfel counts half [m]")
+    certain_hits: float = Field(8.0, gt=0, description="hits from which on a surfel counts fully")
 
 
 class Registration(NamedTuple):

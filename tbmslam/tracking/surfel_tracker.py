@@ -60,7 +60,9 @@ class SurfelTrackerConfig(FrozenConfig):
 
     kind: Literal["surfels"] = "surfels"
     surfels: SurfelConfig = SurfelConfig()
-    max_points: int = Field(400, ge=10, description="hits of a scan that are matched, evenly chosen")
+    max_points: int = Field(
+        400, ge=10, description="least number of hits of a scan that are matched, evenly chosen, if it has as many"
+    )
     max_range: float = Field(40.0, gt=0, description="hits beyond this range are neither registered nor learnt [m]")
     correlation_length: float = Field(
         0.1, gt=0, description="length of surface within which hits err alike and count as one [m]"
@@ -81,7 +83,10 @@ class SurfelTrackerConfig(FrozenConfig):
     search_rest: int = Field(5, ge=0, description="doubtful scans after a search in vain that are not searched for")
     window: float = Field(15.0, gt=0, description="travelled length that the surfaces reach back, at least [m]")
     novel: float = Field(
-        0.4, ge=0, le=1, description="a scan is learnt unless a larger share of what it sees is certainly known"
+        0.4,
+        ge=0,
+        le=1,
+        description="a scan of which a smaller share is certainly known is learnt even if the robot hardly moved",
     )
 
 

@@ -28,7 +28,8 @@ class TrackedKeyframe:
     T_robot_sensor: SE2
     match: ScanMatch
     prior: FloatArray
-    """Information (3, 3) of the laser's pose in the map's frame from the motion since the last keyframe."""
+    """Information (3, 3) of the laser's pose in the map's frame from the motion since the last keyframe, weighted by
+    `match.trust`."""
     T_odom_robot: SE2 | None = None
     """Pose of the robot by odometry; None if unknown."""
     follows_gap: bool = False
@@ -54,7 +55,7 @@ class TrackedKeyframe:
         return self.outline.with_ranges(self.ranges.astype(np.float64))
 
     def with_scan(self, scan: LaserScan) -> "TrackedKeyframe":
-        """Return the keyframe with the ranges of another scan."""
+        """Return the keyframe with another scan."""
         return replace(self, outline=scan.with_ranges(_NO_RANGES), ranges=scan.ranges.astype(np.float32))
 
     def moved(self, T_new_map: SE2) -> "TrackedKeyframe":

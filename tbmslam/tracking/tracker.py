@@ -20,9 +20,9 @@ class ScanMatch(NamedTuple):
     information: FloatArray | None = None
     """Inverse covariance (3, 3) of the pose in the map's frame by the map alone; None if it is unknown."""
     trust: float = 1.0
-    """Weight of the prior's information: near 0 if the prior was far off, for example after a slip of the wheels."""
+    """Weight of the prior's information: near 0 if the prior was far off, as after a slip, or the scan is lost."""
     is_lost: bool = False
-    """Whether the scan has many hits, and hardly any of them fits earlier scans."""
+    """Whether many hits fit no earlier scan, or hardly more than chance fits within a loose prior."""
 
 
 class ScanMatcher(Protocol):
@@ -65,7 +65,8 @@ class PosePrior(NamedTuple):
     start: SE2
     """T_map_robot by odometry since the last scan: the registration starts here."""
     coasting: Callable[[], Coasting | None]
-    """Returns the pose by inertia, which holds even where the odometry is faulty; None where the mean comes from it."""
+    """Returns the pose by inertia, which holds even where the odometry is faulty; None where the mean comes from it, or
+    where the last pose is too old."""
     jump: float = 0.0
     """Length of an odometry step that no robot can drive, which was ignored [m]; else 0."""
     by_odometry: bool = False

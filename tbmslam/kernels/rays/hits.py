@@ -164,8 +164,8 @@ def place_hits(
 
     `points` and `normals` (P, 2) are those of all scans in the sensor's frame, and `offsets` (K + 1,) the first index
     of each scan and the end of the last scan. `poses` (K, 3) are those of the sensor, and `frame` is the index of the
-    scan whose frame is used for the result. Only every n-th hit is returned, with the largest n that leaves `at_least`
-    hits.
+    scan whose frame is used for the result. Only every n-th hit is returned, with n = size // at_least, so that at
+    least `at_least` of as many remain.
     """
     total = 0
     for k in chosen:
