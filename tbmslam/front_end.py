@@ -19,9 +19,6 @@ from tbmslam.tracking.surfel_tracker import SurfelTracker
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 from tbmslam.tracking.tracker import PosePrior, ScanMatch, Tracker
 
-_AT_START = 1e8 * np.eye(3)
-"""Information of the motion to the first keyframe, which fixes the start of the drive."""
-
 
 class Placement(NamedTuple):
     """A reading with its pose."""
@@ -74,7 +71,7 @@ class FrontEnd:
         """Insert a scan into the tracker's map, learn the noise of the motion, and return the keyframe."""
         reading, scan, prior, match, T_map_robot = placement
         self._tracker.learn(scan, match)
-        motion = self._information_since_keyframe(placement) if index else _AT_START
+        motion = self._information_since_keyframe(placement) if index else np.zeros((3, 3))
         keyframe = TrackedKeyframe.of(index, scan, reading.T_robot_sensor, match, motion, reading.T_odom_robot)
         self._motion.learn(prior, T_map_robot, match.information, reading.T_robot_sensor)
         self._motion.begin_at_keyframe(reading, T_map_robot)
