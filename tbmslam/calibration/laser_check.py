@@ -22,21 +22,16 @@ from tbmslam.kernels.adjustment.pose_systems import MotionSystem, PoseSystem, ti
 from tbmslam.kernels.adjustment.wall_pieces import StretchHits, gather_hits
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.scan_hits import ScanHits
-from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, WallLines, stretch_begins
+from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig, WallLines, held_poses, stretch_begins
 from tbmslam.optimisation.pose_graph import PoseSolver, coarse_space_of
 
 logger = logging.getLogger(__name__)
 
 
-_GAUGE = 1e8  # information that fixes the first pose [1/m^2]
-_DAMPING = 1.0
-"""Information that holds every pose, for directions that no wall determines, as along a corridor [1/m^2]."""
 _NUMBERS = 3
 _SCALE, _OFFSET, _SWEEP = range(_NUMBERS)
 """Relative error of the angles between beams, offset of the ranges [m], time of a beam's rotation by a radian [s]."""
 _PRIOR = np.array([0.1, 0.3, 0.1]) ** -2.0  # prior information of the same, from their standard deviations
-_SHIFT = 0.382
-"""Shift of the cells of wall pieces in each round, as a share of a cell, so that no fixed cell borders matter."""
 _NO_MOTIONS = MotionSystem(np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3, 3)))
 
 
@@ -89,15 +84,14 @@ class PartFit:
         self._ranges, self._directions, self._normals = np.hypot(x, y), np.arctan2(y, x), np.arctan2(sines, cosines)
         self._angles = wrap_angles(self._directions - middles[self._scans])
         self._coarse = coarse_space_of([0, count])
-        self._held = np.tile(_DAMPING * np.eye(3), (count, 1, 1))
-        self._held[0] += _GAUGE * np.eye(3)
+        self._held = held_poses(count)
         self._numbers = np.zeros(_NUMBERS)
         self._round = 0
 
     def improved(self) -> tuple[FloatArray, FloatArray]:
         """Do one round; return the errors (M,) and their information (M, M)."""
         at, pieces = self._poses, self._pieces
-        walls = WallLines(self._corrected_hits(), 1, at, self._round * _SHIFT % 1.0 * pieces.cell, pieces)
+        walls = WallLines(self._corrected_hits(), 1, at, self._round, pieces)
         solver = PoseSolver(
             PoseSystem(walls.own + self._held, walls.system, _NO_MOTIONS), at, self._coarse, pieces.precision
         )

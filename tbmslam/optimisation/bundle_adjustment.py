@@ -36,7 +36,9 @@ from tbmslam.optimisation.pose_graph import EdgeArrays, MotionChain, MotionEdge,
 logger = logging.getLogger(__name__)
 
 _GAUGE = 1e8  # information that fixes the first pose [1/m^2]
-_DAMPING = 1.0  # information that holds every pose: a step is at most about a metre or a radian [1/m^2]
+_DAMPING = 1.0
+"""Information that holds every pose, for directions that no wall determines, as along a corridor: a step is at most
+about a metre or a radian [1/m^2]."""
 _QUICK = 3  # quick rounds use every third hit
 _SHIFT = 0.382  # shift of the cells in each round, as a share of a cell, so that no fixed cell borders matter
 _MOST_HITS = 4_000_000  # largest number of hits of all keyframes; they take half a gigabyte
@@ -89,14 +91,13 @@ def adjust(
     motions = motions_of(believed, EdgeArrays.of(closures), closure_width, stretches.owners, stretches.places)
     coarse = coarse_space_of(stretches.ends)
     hits = stretches.hits(drives, config)
-    held = np.tile(_DAMPING * np.eye(3), (len(stretches.middles), 1, 1))
-    held[0] += _GAUGE * np.eye(3)
+    held = held_poses(len(stretches.middles))
     before = at = poses[stretches.middles]
     factors: Preconditioner | None = None
     for number in range(config.quick_rounds + config.rounds):
         every = _QUICK if number < config.quick_rounds else 1
         fewer = config.model_copy(update={"min_hits": config.min_hits / every})
-        lines = WallLines(hits, every, at, number * _SHIFT % 1.0 * config.cell, fewer)
+        lines = WallLines(hits, every, at, number, fewer)
         own, between, pull = motion_equations(motions, at)
         system = PoseSystem(lines.own + own + held, lines.system, between)
         solver = PoseSolver(system, at, coarse, config.precision, factors)
@@ -106,6 +107,13 @@ def adjust(
     moved_m = float(np.sqrt(((at - before)[:, :2] ** 2).sum(axis=1).mean()))
     logger.info("laying %d stretches onto %d pieces of wall moved them by %.3f m", len(at), len(lines.lines), moved_m)
     return stretches.moved(at)
+
+
+def held_poses(count: int) -> FloatArray:
+    """Return the informations (count, 3, 3) that fix the first pose and hold every pose."""
+    held = np.tile(_DAMPING * np.eye(3), (count, 1, 1))
+    held[0] += _GAUGE * np.eye(3)
+    return held
 
 
 class RigidStretches:
@@ -189,15 +197,13 @@ class WallLines:
     """The equations of hits on straight pieces of wall, whose lines move with the poses (N, 3) of the segments.
 
     Hits with normals define the lines. Other hits, seen from afar or near an edge, are used only if exactly one line of
-    their cell fits. Every n-th hit is used. The cells of pieces are offset by `shift` [m]. For `lines`, their
-    sightings, and the equations `own`, `system` and `gradient` see
+    their cell fits. Every n-th hit is used. The `number` of a round determines the offset of its cells. For `lines`,
+    their sightings, and the equations `own`, `system` and `gradient` see
     `tbmslam.kernels.adjustment.line_adjustment.line_equations`.
     """
 
-    def __init__(
-        self, hits: StretchHits, every: int, poses: FloatArray, shift: float, config: AdjustmentConfig
-    ) -> None:
-        raster = Raster(config.cell, shift, config.sectors)
+    def __init__(self, hits: StretchHits, every: int, poses: FloatArray, number: int, config: AdjustmentConfig) -> None:
+        raster = Raster(config.cell, number * _SHIFT % 1.0 * config.cell, config.sectors)
         seen, known = see_walls(hits, every, poses, raster)
         limits = np.array([config.min_hits, config.thickness, config.length])
         lines = fit_lines(seen, poses, config.enough, limits)

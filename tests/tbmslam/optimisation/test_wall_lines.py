@@ -15,7 +15,7 @@ def test_pieces_that_are_no_line_do_not_count(generator):
     hits = np.vstack((wall, clutter)).astype(np.float32)
     loose = np.zeros((0, 2), dtype=np.float32)
     both = StretchHits(np.vstack((hits, hits)), np.array([0, 900, 1800]), loose, np.zeros(3, dtype=np.int64))
-    lines = WallLines(both, 1, np.zeros((2, 3)), 0.0, config)
+    lines = WallLines(both, 1, np.zeros((2, 3)), 0, config)
     assert 6.0 / config.cell - 1 <= len(lines.lines) < 0.2 * len(hits)
     assert lines.lines[:, 4].min() > 0.1 * config.cell
     assert (np.abs(lines.lines[:, 1] - 1.5) < 0.02).all()
