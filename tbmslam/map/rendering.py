@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.grid import GridGeometry, TbmGrid
@@ -40,6 +40,12 @@ class InsertionConfig(FrozenConfig):
     once_per_scan: bool = Field(
         False, description="each scan counts once per cell, and a hit overrides passages; else every beam counts"
     )
+
+    @field_validator("max_range", mode="before")
+    @classmethod
+    def _without_limit(cls, value: object) -> object:
+        """Return infinity for null, by which JSON expresses it."""
+        return math.inf if value is None else value
 
 
 class ScanInserter:

@@ -1,4 +1,5 @@
 import itertools
+import json
 import math
 from dataclasses import replace
 
@@ -8,12 +9,13 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.laser import SimulatedLaser
 from merging.config.groups import JointConfig
-from merging.joint_slam import Track, refine_jointly
+from merging.joint_slam import Track, refine_jointly, rendered_alike
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.drive import Drive, DriveMotions
 from tbmslam.map.keyframes import Keyframes
+from tbmslam.map.rendering import MapConfig
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig
 from tbmslam.sensing.laser_scan import LaserScan
@@ -241,3 +243,12 @@ def test_a_drive_of_two_keyframes_is_enough_and_of_one_is_not(bent_pair, count):
 def test_drives_that_share_nothing_stay_rigid(bent_pair):
     maps, _, _ = bent_pair
     assert refine_jointly(maps, {"a": SE2.identity(), "b": SE2(500.0, 0.0, 0.0)}, JointConfig()) is None
+
+
+@pytest.mark.parametrize("how_b", [MapConfig(), MapConfig(resolution=0.2)])
+def test_the_parameters_of_a_map_without_a_limit_of_range_are_read_from_its_json(how_b):
+    grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 4))
+    maps = [
+        TbmMap(grid, (), {"config": {"map": json.loads(how.model_dump_json())}}) for how in (MapConfig(), how_b)
+    ]
+    assert rendered_alike(maps) == (how_b == MapConfig())

@@ -33,7 +33,7 @@ from tools.command_line.output_folder import OutputError, output_folder
 from tools.command_line.paths import map_folders
 from tools.command_line.progress import ProgressBars
 from tools.mapping.plan import plan_mapping
-from tools.mapping.task import Mapped, MappingTask, Shelf, earlier_record, finished, map_robot
+from tools.mapping.task import Mapped, MappingTask, Shelf, earlier_record, finished, map_robot, valid_json
 from tools.mapping.truth_file import GIVEN, NAME, OWN_MAP, read_truth_file
 
 logger = logging.getLogger(__name__)
@@ -106,7 +106,7 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, progre
         write_extra_files(task.folder, tbm_map, args)
         write_checksums(task.folder)
     robots = {task.name: MappedRobot(tbm_map, done[task.name].run) for task, tbm_map in made}
-    usual = Configuration.of_preset(config.preset).slam.model_dump(mode="json")
+    usual = valid_json(Configuration.of_preset(config.preset).slam.model_dump(mode="json"))
     files = {task.name: downloads(args.out, task.folder) for task, _ in made}
     page = maps_page(
         robots, RunInfo(command, progress.seconds, usual), None if failure is None else str(failure), files

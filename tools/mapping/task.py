@@ -135,7 +135,8 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     span = None if segment is None else _span(segment, recording.counts.scans_used, first, last)
     tbm_map = slam.finish()
     _check_seen(recording, tbm_map, scans)
-    run = _run_record(task, recording) | _noted(recording, span, slam)  # errors of the laser are known only at the end
+    # Errors of the laser are known only at the end.
+    run = valid_json(_run_record(task, recording) | _noted(recording, span, slam))
     tbm_map = dataclasses.replace(tbm_map, provenance=dict(run))
     progress.finished(task.name, tbm_map)
     (task.folder / CHECKSUMS).unlink(missing_ok=True)
@@ -153,7 +154,7 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     }
     run["fingerprint"] = task.fingerprint()
     write_text(task.folder / "config.toml", mapping_text(task.config))
-    write_text(task.folder / "run.json", json.dumps(run, indent=2) + "\n")
+    write_text(task.folder / "run.json", json.dumps(run, indent=2, allow_nan=False) + "\n")
     write_checksums(task.folder)
     whose = "" if segment is None else "of the whole recording "
     return Mapped(run, whose + recording.counts.summary(), time.perf_counter() - began, tbm_map)
@@ -213,6 +214,12 @@ def _run_record(task: MappingTask, recording: Recording) -> dict[str, object]:
         "counts": recording.counts.as_dict(),
         "config": task.config.slam.model_dump(mode="json"),
     }
+
+
+def valid_json(record: Mapping[str, object]) -> dict[str, object]:
+    """Return a record as JSON can hold it: null instead of infinity and of what is no number."""
+    made: dict[str, object] = json.loads(json.dumps(record), parse_constant=lambda _: None)
+    return made
 
 
 def _span(segment: Segment, readings: int, first: float, last: float) -> Span:

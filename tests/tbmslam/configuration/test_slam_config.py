@@ -1,3 +1,5 @@
+import json
+
 import pytest
 
 from tbmslam.configuration.parameters import changed
@@ -7,7 +9,11 @@ from tbmslam.configuration.slam_config import PRESETS, ConfigError, SlamConfig, 
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_survive_a_round_trip(name):
     config = preset(name)
-    assert changed(config, config.model_dump(mode="json")) == config
+    assert (
+        changed(config, config.model_dump(mode="json"))
+        == changed(config, json.loads(config.model_dump_json()))
+        == config
+    )
 
 
 def test_unknown_preset():

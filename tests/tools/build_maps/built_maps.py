@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from tools import build_maps
 
 QUICK = ("--no-truth",)
@@ -12,4 +14,5 @@ def run(*arguments):
 
 
 def run_record(folder):
-    return json.loads((folder / "run.json").read_text())
+    """Return the content of run.json, which must be JSON in the strict sense: no Infinity and no NaN."""
+    return json.loads((folder / "run.json").read_text(), parse_constant=pytest.fail)

@@ -114,6 +114,7 @@ def test_the_run_record_is_complete(bag, tmp_path):
     assert record["result"]["scans"] == len(read_tum(tmp_path / "robot_0" / "trajectory.tum")) == 80
     assert (record["result"]["loops_closed"], record["result"]["correction_m"]) == (0, 0.0)
     assert (record["counts"]["scans_read"], record["warnings"]) == (80, [])
+    assert record["config"]["map"]["insertion"]["max_range"] is None  # unlimited
     assert record["result"]["duration_s"] == pytest.approx(79 / 5, abs=1e-3)
     made = load_map(tmp_path / "robot_0")
     assert made.grid.geometry.resolution == 0.1
