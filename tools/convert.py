@@ -132,7 +132,7 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     elif ending == ".npz":
         write_map_file(out, tbm_map)
     elif ending in (".yaml", ".yml"):
-        write_ros_map(out.with_suffix(""), tbm_map.grid)
+        write_ros_map(out, tbm_map.grid)
     elif ending == ".png":
         write_bytes(out, encode_png(ros_pixels(tbm_map.grid)))  # greys of a pignistic picture read as unknown
         write_world_file(out, tbm_map.grid.geometry)

@@ -101,7 +101,7 @@ def _run(args: argparse.Namespace) -> None:
         for name in (f"{KEEPOUT}.yaml", f"{KEEPOUT}.pgm"):
             (args.out / name).unlink(missing_ok=True)
         if mask is not None:
-            write_ros_map(args.out / KEEPOUT, mask.grid)
+            write_ros_map(args.out / f"{KEEPOUT}.yaml", mask.grid)
         write_checksums(args.out)
     print(f"{args.map}: {tbm_map.grid.summary()} -> {args.out}")
 

@@ -51,7 +51,7 @@ def save_map(folder: str | os.PathLike[str], tbm_map: TbmMap) -> None:
     folder = Path(folder)
     older = _trajectories_in(folder)
     write_map_file(folder / "map.npz", tbm_map, lambda: _remove(folder / name for name in older))
-    write_ros_map(folder / "map", tbm_map.grid)
+    write_ros_map(folder / "map.yaml", tbm_map.grid)
     lengths = [(drive.name, len(drive.trajectory)) for drive in tbm_map.drives]
     for name, number in _trajectory_files(lengths).items():
         write_tum(folder / name, tbm_map.drives[number].trajectory)

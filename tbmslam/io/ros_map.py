@@ -142,14 +142,12 @@ _OF_SAVERS = (FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL, 255)
 _MENDED = 0.01  # largest share of other greys in a map saver's picture, as from a brush
 
 
-def write_ros_map(stem: str | os.PathLike[str], grid: TbmGrid) -> None:
-    """Write a grid as `stem`.yaml and `stem`.pgm, or as map.yaml and map.pgm if `stem` is a folder.
+def write_ros_map(path: str | os.PathLike[str], grid: TbmGrid) -> None:
+    """Write a grid as a yaml file and its picture, of the same name with the suffix .pgm.
 
     The yaw is 0 since a grid's cells lie along the axes; that suits costmaps and AMCL, which ignore a yaw.
     """
-    place = Path(stem)
-    place = place / "map" if place.is_dir() else place
-    image = place.with_name(f"{place.name}.pgm")
+    image = Path(path).with_suffix(".pgm")
     header = {
         "image": image.name,
         "mode": "trinary",
@@ -160,7 +158,7 @@ def write_ros_map(stem: str | os.PathLike[str], grid: TbmGrid) -> None:
         "free_thresh": FREE_THRESHOLD,
     }
     write_bytes(image, encode_pgm(ros_pixels(grid)))
-    write_text(place.with_name(f"{place.name}.yaml"), yaml.safe_dump(header, sort_keys=False, default_flow_style=None))
+    write_text(path, yaml.safe_dump(header, sort_keys=False, default_flow_style=None))
 
 
 def ros_pixels(grid: TbmGrid) -> npt.NDArray[np.uint8]:

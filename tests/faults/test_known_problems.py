@@ -124,7 +124,7 @@ def test_loading_again_and_again_takes_no_more_memory(tmp_path):
 
 def test_an_origin_keeps_its_digits(tmp_path):
     grid = checkered(20, 30, origin=(-1234.56789, 98.7654321))
-    write_ros_map(tmp_path / "map", grid)
+    write_ros_map(tmp_path / "map.yaml", grid)
     geometry = read_ros_map(tmp_path / "map.yaml").geometry
     assert (geometry.origin_x, geometry.origin_y) == pytest.approx((-1234.56789, 98.7654321), abs=1e-9)
 

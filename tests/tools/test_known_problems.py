@@ -67,7 +67,7 @@ def test_large_maps_with_distant_frames_merge_correctly(tmp_path):
         seen = TbmMap.from_occupancy(occupancy, pair.resolution).grid
         large = TbmGrid.unknown(GridGeometry(pair.resolution, *origin, side, side))
         large.masses[row : row + seen.geometry.rows, col : col + seen.geometry.cols] = seen.masses
-        write_ros_map(tmp_path / name, large)
+        write_ros_map(tmp_path / f"{name}.yaml", large)
         places.append(SE2(origin[0] + col * pair.resolution, origin[1] + row * pair.resolution, 0.0))
     assert (
         merge_program.main([str(tmp_path / name) for name in ("a.yaml", "b.yaml")] + ["-o", str(tmp_path / "m")]) == 0

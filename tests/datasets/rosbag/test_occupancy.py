@@ -34,7 +34,7 @@ def grid():
 
 
 def test_the_values_are_those_of_map_server(grid, tmp_path):
-    write_ros_map(tmp_path / "map", grid)
+    write_ros_map(tmp_path / "map.yaml", grid)
     header = read_ros_map_header(tmp_path / "map.yaml")
     np.testing.assert_array_equal(occupancy_of(grid), occupancy_of_image(read_image(header.image), header.pixels))
     assert set(np.unique(occupancy_of(grid))) == {-1, 0, 100}

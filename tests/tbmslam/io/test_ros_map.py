@@ -77,7 +77,7 @@ def test_colours_and_alpha_are_read_as_nav2_reads_them(mode, negate, channels, a
 
 
 def test_the_yaml_is_what_map_server_reads(tmp_path):
-    write_ros_map(tmp_path / "map", grid_of([[(0.0, 0.0)]]))
+    write_ros_map(tmp_path / "map.yaml", grid_of([[(0.0, 0.0)]]))
     text = (tmp_path / "map.yaml").read_text()
     assert yaml.safe_load(text) == {
         "image": "map.pgm",
@@ -92,12 +92,10 @@ def test_the_yaml_is_what_map_server_reads(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"map.yaml", "map.pgm"}
 
 
-def test_a_folder_or_a_name_with_dots_may_be_given(tmp_path):
+def test_a_name_with_dots_may_be_given(tmp_path):
     grid = grid_of([[(0.0, 0.0)]])
-    write_ros_map(tmp_path, grid)
-    write_ros_map(tmp_path / "floor.2", grid)
-    names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"map.yaml", "map.pgm", "floor.2.yaml", "floor.2.pgm"}
+    write_ros_map(tmp_path / "floor.2.yaml", grid)
+    assert {path.name for path in tmp_path.iterdir()} == {"floor.2.yaml", "floor.2.pgm"}
     assert read_ros_map(tmp_path / "floor.2.yaml").geometry == grid.geometry
 
 
@@ -106,7 +104,7 @@ def test_free_occupied_and_unknown_are_painted_and_read_again(tmp_path):
     grid = grid_of(
         [[(0.9, 0.0), (0.0, 0.9), (0.0, 0.0), (0.05, 0.0)], [(0.12, 0.0), (0.0, 0.12), (0.4, 0.4), (0.0, 0.05)]]
     )
-    write_ros_map(tmp_path, grid)
+    write_ros_map(tmp_path / "map.yaml", grid)
     image = cv2.imread(str(tmp_path / "map.pgm"), cv2.IMREAD_UNCHANGED)
     assert image.tolist() == [[254, 0, 205, 205], [254, 0, 205, 205]]
     read = read_ros_map(tmp_path / "map.yaml")
@@ -139,8 +137,8 @@ def test_a_hundred_passages_in_vinyslam_are_free():
 def test_what_is_read_and_written_again_stays_the_same(tmp_path):
     rng = np.random.default_rng(0)
     grid = grid_of(rng.choice([0.0, 0.4], size=(20, 30, 2)))
-    write_ros_map(tmp_path / "a", grid)
-    write_ros_map(tmp_path / "b", read_ros_map(tmp_path / "a.yaml"))
+    write_ros_map(tmp_path / "a.yaml", grid)
+    write_ros_map(tmp_path / "b.yaml", read_ros_map(tmp_path / "a.yaml"))
     assert (tmp_path / "a.pgm").read_bytes() == (tmp_path / "b.pgm").read_bytes()
     assert (tmp_path / "a.yaml").read_text().replace("a.pgm", "b.pgm") == (tmp_path / "b.yaml").read_text()
 
@@ -223,7 +221,7 @@ def test_transparent_walls_are_named(tmp_path, caplog, alpha, told):
 
 
 def test_a_missing_image_is_named(tmp_path):
-    write_ros_map(tmp_path, grid_of([[(0.0, 0.0)]]))
+    write_ros_map(tmp_path / "map.yaml", grid_of([[(0.0, 0.0)]]))
     (tmp_path / "map.pgm").unlink()
     with pytest.raises(MapFileError, match=r"map\.pgm: the map's image cannot be read: No such file"):
         read_ros_map(tmp_path / "map.yaml")
