@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tbmslam.errors import TbmSlamError
-from tools.command_line.paths import check_exist, path_argument
+from tools.command_line.paths import check_exist, holds_map, path_argument, refuse_to_overwrite
 from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
@@ -60,9 +60,8 @@ def main(argv: list[str] | None = None, program: str = "convert") -> int:
 
 def _run(args: argparse.Namespace) -> None:
     check_exist([args.map], "does not exist: give a map's folder or file")
-    if args.out.exists() and args.out.samefile(args.map):
-        raise TbmSlamError(f"{args.out}: is the map itself: choose another name")
     ending = _format_of(args.out)
+    refuse_to_overwrite(_files_read(args.map), _files_written(args.out, ending))
     tbm_map = _read(args.map, args.resolution, tuple(args.origin))
     _write(args.out, ending, tbm_map)
     print(f"{args.map}: {tbm_map.grid.summary()} -> {args.out}")
@@ -111,6 +110,21 @@ def _format_of(out: Path) -> str:
     if ending not in _WRITTEN:
         raise TbmSlamError(f"{out}: no format has the suffix {ending}: choose of {', '.join(filter(None, _WRITTEN))}")
     return ending
+
+
+def _files_read(path: Path) -> list[Path]:
+    from tbmslam.io.map_folder import files_of_map
+
+    if path.is_dir():
+        return files_of_map(path) if holds_map(path) else [path]
+    return [*files_of_map(path), path.with_suffix(".pgw")]
+
+
+def _files_written(out: Path, ending: str) -> list[Path]:
+    from tbmslam.io.map_folder import FIXED_NAMES
+
+    beside = {".yaml": ".pgm", ".yml": ".pgm", ".png": ".pgw"}.get(ending, ending)
+    return [out, out.with_suffix(beside)] if ending else [out, *(out / name for name in FIXED_NAMES)]
 
 
 def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:

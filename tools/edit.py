@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from tbmslam.errors import TbmSlamError
 from tools.command_line.extra_files import add_extra_files, check_extra_files, write_extra_files
-from tools.command_line.paths import check_exist, path_argument
+from tools.command_line.paths import check_exist, path_argument, refuse_to_overwrite
 from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
@@ -83,14 +83,14 @@ def main(argv: list[str] | None = None, program: str = "edit") -> int:
 def _run(args: argparse.Namespace) -> None:
     check_exist([args.map], "does not exist: give a map's folder or file")
     check_extra_files(args)
-    from tbmslam.io.map_folder import load_map, save_map
+    from tbmslam.io.map_folder import FIXED_NAMES, files_of_map, load_map, save_map
     from tbmslam.io.ros_map import write_ros_map
     from tbmslam.map.edits import without_scans
     from tools.command_line.checksums import write_checksums
     from tools.command_line.output_folder import output_folder
 
-    if args.out.exists() and args.out.samefile(args.map):
-        raise TbmSlamError(f"{args.out}: is the folder of the map itself: choose another folder with -o")
+    masks = (f"{KEEPOUT}.yaml", f"{KEEPOUT}.pgm")
+    refuse_to_overwrite(files_of_map(args.map), (args.out / name for name in (*FIXED_NAMES, *masks)))
     wanted = [*(_read_edits(args.edits) if args.edits else []), *(args.wanted or [])]
     tbm_map, mask, done = _applied(load_map(args.map), wanted)
     tbm_map = without_scans(tbm_map)
@@ -98,10 +98,10 @@ def _run(args: argparse.Namespace) -> None:
         save_map(args.out, tbm_map)
         write_extra_files(args.out, tbm_map, args)
         _write_edits(args.out / EDITS, done)
-        for name in (f"{KEEPOUT}.yaml", f"{KEEPOUT}.pgm"):
+        for name in masks:
             (args.out / name).unlink(missing_ok=True)
         if mask is not None:
-            write_ros_map(args.out / f"{KEEPOUT}.yaml", mask.grid)
+            write_ros_map(args.out / masks[0], mask.grid)
         write_checksums(args.out)
     print(f"{args.map}: {tbm_map.grid.summary()} -> {args.out}")
 

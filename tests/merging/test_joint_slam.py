@@ -248,7 +248,5 @@ def test_drives_that_share_nothing_stay_rigid(bent_pair):
 @pytest.mark.parametrize("how_b", [MapConfig(), MapConfig(resolution=0.2)])
 def test_the_parameters_of_a_map_without_a_limit_of_range_are_read_from_its_json(how_b):
     grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 4, 4))
-    maps = [
-        TbmMap(grid, (), {"config": {"map": json.loads(how.model_dump_json())}}) for how in (MapConfig(), how_b)
-    ]
+    maps = [TbmMap(grid, (), {"config": {"map": json.loads(how.model_dump_json())}}) for how in (MapConfig(), how_b)]
     assert rendered_alike(maps) == (how_b == MapConfig())

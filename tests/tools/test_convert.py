@@ -88,6 +88,15 @@ def test_a_bag_keeps_the_size_of_its_cells(plan, tmp_path):
     assert load_map(tmp_path / "back.npz").grid.geometry.resolution == 0.05  # a message states a float32
 
 
+@pytest.mark.parametrize("name", ["m.yml", "hall.yaml"])
+def test_a_yaml_is_written_under_its_own_name(plan, tmp_path, name):
+    (tmp_path / "hall").mkdir()
+    assert run(plan, tmp_path / name) == 0
+    assert load_map(tmp_path / name).grid.geometry == pytest.approx(load_map(plan).grid.geometry)
+    assert sorted(path.stem for path in tmp_path.glob("*.*")) == [name.partition(".")[0]] * 2
+    assert not any((tmp_path / "hall").iterdir())
+
+
 def test_a_pose_graph_is_not_read(tmp_path, capsys):
     (tmp_path / "graph.g2o").write_text("VERTEX_SE2 0 0 0 0\n")
     assert run(tmp_path / "graph.g2o", tmp_path / "out") == 1
@@ -111,7 +120,12 @@ def test_keyframes_become_a_pose_graph(bag, plan, tmp_path, capsys):
     ("words", "fact"),
     [
         (("none", "out"), "none: does not exist: give a map's folder or file"),
-        (("plan", "plan"), "plan: is the map itself: choose another name"),
+        (("plan", "plan"), "plan/map.npz: is read and would be overwritten: choose another folder or name"),
+        (("plan/map.npz", "plan"), "plan/map.npz: is read and would be overwritten"),
+        (("plan/map.yaml", "plan"), "plan/map.yaml: is read and would be overwritten"),
+        (("hall.yaml", "hall.png"), "hall.png: is read and would be overwritten"),
+        (("hall.yaml", "hall.yaml"), "hall.yaml: is read and would be overwritten"),
+        (("picture.pgm", "picture.yaml", "--resolution", "0.1"), "picture.pgm: is read and would be overwritten"),
         (("plan", "out.svg"), r"out\.svg: no format has the suffix \.svg: choose of \.npz, "),
         (("a.bag", "out"), r"a\.bag: "),
         (("a.tif", "out"), r"a\.tif: "),
@@ -121,8 +135,13 @@ def test_what_cannot_be_converted_is_one_line(plan, tmp_path, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     for name in ("a.bag", "a.tif"):
         (tmp_path / name).write_bytes(b"no map")
+    for name in ("hall.png", "picture.pgm"):
+        cv2.imwrite(str(tmp_path / name), np.full((10, 20), 254, dtype=np.uint8))
+    (tmp_path / "hall.yaml").write_text((plan / "map.yaml").read_text().replace("map.pgm", "hall.png"))
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
     assert run(*words) == 1
     assert re.fullmatch(f"convert: {fact}.*\n", capsys.readouterr().err)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
     assert not (tmp_path / "out").exists()
 
 

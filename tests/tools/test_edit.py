@@ -66,7 +66,11 @@ def test_trajectories_stay_and_scans_go(bag, tmp_path):
     ("words", "fact"),
     [
         (("none", "--rotate", "9", "-o", "out"), "none: does not exist: give a map's folder or file"),
-        (("room", "--rotate", "9", "-o", "room"), "room: is the folder of the map itself: choose another"),
+        (("room", "--rotate", "9", "-o", "room"), "room/map.npz: is read and would be overwritten: choose another"),
+        (("room/map.npz", "--rotate", "9", "-o", "room"), "room/map.npz: is read and would be overwritten"),
+        (("room/map.yaml", "--rotate", "9", "-o", "room"), "room/map.yaml: is read and would be overwritten"),
+        (("link.npz", "--rotate", "9", "-o", "room"), "link.npz: is read and would be overwritten"),
+        (("hall.yaml", "--rotate", "9", "-o", "."), "keepout.pgm: is read and would be overwritten"),
         (
             ("room", "--crop", "50", "50", "60", "60", "-o", "out"),
             r"--crop: \(50, 50\) to .* holds no cell of the map, which reaches from \(-?\d+\.\d\d, .*\) m: correct",
@@ -80,6 +84,9 @@ def test_trajectories_stay_and_scans_go(bag, tmp_path):
 def test_what_cannot_be_done_is_one_line_and_changes_nothing(room, tmp_path, monkeypatch, capsys, words, fact):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text("edit = 3")
+    (tmp_path / "link.npz").symlink_to(room / "map.npz")
+    (tmp_path / "keepout.pgm").write_bytes((room / "map.pgm").read_bytes())
+    (tmp_path / "hall.yaml").write_text((room / "map.yaml").read_text().replace("map.pgm", "keepout.pgm"))
     (tmp_path / "odd.toml").write_text('[[edit]]\nkind = "paint"\nvalues = [1.0]\n')
     before = {path.name: path.read_bytes() for path in room.iterdir()}
     assert run(*words) == 1

@@ -1,6 +1,7 @@
 """Paths on the command line: files and folders, and lists of maps."""
 
 import argparse
+import os
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -18,6 +19,14 @@ def check_exist(paths: Iterable[Path | None], fact: str = "no such file or direc
             raise TbmSlamError(f"{path}: {fact}") from None
         except OSError:
             continue  # its reader reports other errors
+
+
+def refuse_to_overwrite(read: Iterable[Path], written: Iterable[Path]) -> None:
+    """Refuse to write a file that is read, under whatever name."""
+    taken = {os.path.realpath(path) for path in written}
+    for path in read:
+        if os.path.realpath(path) in taken:
+            raise TbmSlamError(f"{path}: is read and would be overwritten: choose another folder or name")
 
 
 def path_argument(text: str) -> Path:
