@@ -3,12 +3,14 @@
 import bz2
 import gzip
 import lzma
+import zlib
 from collections.abc import Iterator
 from io import BufferedIOBase
 from pathlib import Path
 
 from datasets.errors import DatasetError
 
+_FAULTS = (OSError, EOFError, zlib.error, lzma.LZMAError)
 _OPENERS = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\0", lzma.open))
 _LONGEST_LINE = 1 << 22  # a few bytes may be decompressed to a line that fills the memory
 
@@ -18,7 +20,7 @@ def first_bytes(path: Path) -> bytes:
     try:
         with open_unpacked(path) as stream:
             return stream.read(4096)
-    except (OSError, EOFError, lzma.LZMAError) as error:
+    except _FAULTS as error:
         raise _damaged(path, error) from error
 
 
@@ -28,7 +30,7 @@ def lines_of(path: Path) -> Iterator[str]:
         with _opener(path)(path, "rt", encoding="latin-1") as stream:
             while line := stream.readline(_LONGEST_LINE):
                 yield line
-    except (OSError, EOFError, lzma.LZMAError) as error:
+    except _FAULTS as error:
         raise _damaged(path, error) from error
 
 

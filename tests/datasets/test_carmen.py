@@ -209,6 +209,16 @@ def test_several_logs_follow_each_other(tmp_path):
     for name, start in (("a", 0), ("b", 10)):
         (tmp_path / name).write_text("".join(flaser(k) for k in range(start, start + 10)))
     readings = list(open_recording([tmp_path / "a", tmp_path / "b"]))
+def test_a_damaged_archive(tmp_path):
+    rng = np.random.default_rng(0)
+    packed = bytearray(gzip.compress("".join(flaser(k, rng.uniform(1, 9, 180)) for k in range(99)).encode()))
+    packed[10:60] = bytes([0xFF] * 50)
+    path = tmp_path / "run.log.gz"
+    path.write_bytes(packed)
+    with pytest.raises(DatasetError, match=r"run\.log\.gz: cannot be read to its end .*fetch the file again"):
+        list(open_recording([path]))
+
+
     assert [r.scan.stamp for r in readings] == pytest.approx([1000.0 + 0.2 * k for k in range(20)])
 
 
