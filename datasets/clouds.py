@@ -233,7 +233,8 @@ def choose_slice(
     """Choose heights and beams for the clouds of a recording; raise a `DatasetError` if the slice is nearly empty.
 
     `heights` are the lowest and the highest point above the robot's frame [m]; None chooses a band around the sensor
-    without floor. `step_deg` is the angle between beams; None chooses the finest angle whose beams have points.
+    without floor. `step_deg` is the angle between beams, of any sign; None chooses the finest angle whose beams have
+    points.
     `clouds` are the first clouds of the recording. Errors name `topic`.
     """
     low, high = heights or (T_robot_sensor.z - _HALF_HEIGHT, T_robot_sensor.z + _HALF_HEIGHT)
@@ -241,7 +242,7 @@ def choose_slice(
         low = max(low, _FLOOR)
     cut = CloudSlice(T_robot_sensor, low, high)
     _check_walls(cut, clouds, topic)
-    step = math.radians(step_deg or _finest_step(cut, clouds))
+    step = math.radians(abs(step_deg or _finest_step(cut, clouds)))
     cut = replace(cut, angle_step=step, beams=round(2.0 * math.pi / step))
     turns = [turn for cloud in clouds if (turn := _turn(cut, cloud)) is not None]
     if 2 * len(turns) <= len(clouds):

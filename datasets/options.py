@@ -11,6 +11,7 @@ OdometrySource = Literal["auto", "tf", "topic", "none"]
 NoReturn = Literal["free", "drop"]
 _FARTHEST_SENSOR = 1000.0
 _LARGEST_OFFSET = 10.0
+_SMALLEST_STEP, _LARGEST_STEP = 1e-3, 90.0  # [degrees]
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,11 @@ class RecordingOptions:
             raise ValueError(
                 f"sensor_pose must be finite and within {_FARTHEST_SENSOR:.0f} m, got {tuple(self.sensor_pose)}"
             )
-        if self.angle_step_deg is not None and (self.angle_step_deg == 0.0 or not math.isfinite(self.angle_step_deg)):
-            raise ValueError(f"angle_step_deg must be finite and not 0, got {self.angle_step_deg}")
+        if self.angle_step_deg is not None and not _SMALLEST_STEP <= abs(self.angle_step_deg) <= _LARGEST_STEP:
+            raise ValueError(
+                f"angle_step_deg must be between {_SMALLEST_STEP:g} and {_LARGEST_STEP:g} degrees in either direction, "
+                f"got {self.angle_step_deg}"
+            )
         if self.clock_offset is not None and not math.isfinite(self.clock_offset):
             raise ValueError(f"clock_offset must be finite, got {self.clock_offset}")
 

@@ -195,6 +195,9 @@ def test_the_beams_are_as_fine_as_the_points(step_deg):
     assert (math.degrees(cut.angle_step), cut.beams) == (pytest.approx(step_deg), round(360.0 / step_deg))
     assert cut.time_step == 0.0
     assert chosen([room_cloud(step_deg=step_deg)], step_deg=2.0).beams == 180
+    assert chosen([room_cloud(step_deg=step_deg)], step_deg=-2.0) == chosen(
+        [room_cloud(step_deg=step_deg)], step_deg=2.0
+    )
 
 
 @pytest.mark.parametrize("sign", [1, -1])

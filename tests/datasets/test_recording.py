@@ -91,7 +91,11 @@ def test_counts_as_text_and_as_json():
         ({"gap_s": -1.0}, r"gap_s must be positive, got -1\.0"),
         ({"max_odometry_gap_s": float("nan")}, "max_odometry_gap_s must be positive, got nan"),
         ({"range_min": -1.0}, r"range_min must not be negative, got -1\.0"),
-        ({"angle_step_deg": 0.0}, r"angle_step_deg must be finite and not 0, got 0\.0"),
+        (
+            {"angle_step_deg": 0.0},
+            r"angle_step_deg must be between 0\.001 and 90 degrees in either direction, got 0\.0",
+        ),
+        ({"angle_step_deg": -721.0}, r"angle_step_deg must be between 0\.001 and 90 degrees .*, got -721\.0"),
         ({"range_min": 5.0, "range_max": 2.0}, r"range_min must be below range_max, got 5\.0 and 2\.0"),
         ({"sensor_pose": SE2(float("nan"), 0.0, 0.0)}, "sensor_pose must be finite and within 1000 m, got"),
         ({"sensor_pose": SE2(1e300, 0.0, 0.0)}, "sensor_pose must be finite and within 1000 m, got"),
