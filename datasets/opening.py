@@ -10,7 +10,8 @@ from datasets.rosbag.bag_files import STORAGE_SUFFIXES
 from datasets.text_files import first_bytes
 from tbmslam.special_file import is_device_or_pipe, sha256_of, why_unreadable
 
-_BAG_STARTS = (b"#ROSBAG", b"SQLite format 3\0", b"\x89MCAP0\r\n", b"#ROSRECORD")
+_STORAGE_STARTS = {b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
+_BAG_STARTS = (b"#ROSBAG", b"#ROSRECORD", *_STORAGE_STARTS)
 _ROS_SUFFIXES = (".bag", ".db3", ".mcap")
 
 
@@ -48,7 +49,7 @@ def open_recording(paths: Sequence[Path], options: RecordingOptions | None = Non
 
 
 def _kind(path: Path) -> str:
-    """Return "rosbag" or "carmen" by the content of a file, never by its name."""
+    """Return "rosbag" or "carmen" by the content of a file; a file of ROS 2 must also have the suffix of its format."""
     if path.is_dir():
         return _kind_of_directory(path)
     if why := why_unreadable(path):
@@ -61,15 +62,24 @@ def _kind(path: Path) -> str:
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror}: check its permissions") from error
     if head.startswith(_BAG_STARTS):
+        _check_suffix(path, head)
         return "rosbag"
     if path.suffix in _ROS_SUFFIXES:
         raise DatasetError(f"{path}: does not begin like a {path.suffix} file: it is damaged or not a recording")
     head = first_bytes(path)
     if head.startswith(_BAG_STARTS):
+        _check_suffix(path, head, packed=path.suffix)
         return "rosbag"
     if b"\0" in head:
         raise DatasetError(f"{path}: is neither a ROS bag nor a CARMEN log: give a laser recording")
     return "carmen"
+
+
+def _check_suffix(path: Path, head: bytes, packed: str = "") -> None:
+    """Refuse a storage file of ROS 2 with another suffix, by which rosbags would choose the wrong reader."""
+    for start, suffix in _STORAGE_STARTS.items():
+        if head.startswith(start) and not path.name.endswith(suffix + packed):
+            raise DatasetError(f"{path}: is a {suffix} file of another name: rename it to end in {suffix}{packed}")
 
 
 def _kind_of_directory(path: Path) -> str:

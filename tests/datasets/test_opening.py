@@ -21,6 +21,13 @@ from datasets.opening import file_digests, list_recordings
             r"run\.bag\.gz: the bag is damaged \(ReaderError: Header could not be read from file\.\); no message in it",
         ),
         ("cut.log.gz", gzip.compress(b"FLASER " * 99, mtime=0)[:20], r"cut\.log\.gz: cannot be read to its end"),
+        ("a.MCAP", b"\x89MCAP0\r\n", r"a\.MCAP: is a \.mcap file of another name: rename it to end in \.mcap$"),
+        ("a.mcap", b"SQLite format 3\0", r"a\.mcap: is a \.db3 file of another name: rename it to end in \.db3$"),
+        (
+            "a.gz",
+            gzip.compress(b"SQLite format 3\0", mtime=0),
+            r"a\.gz: is a \.db3 file .*: rename it to end in \.db3\.gz$",
+        ),
         ("picture.png", b"\x89PNG\0\0", r"picture\.png: is neither a ROS bag nor a CARMEN log: give a laser recording"),
     ],
 )
