@@ -45,8 +45,9 @@ class _LogSurvey:
 def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
     """Open logs, plain or compressed by gzip, bzip2 or xz, as one recording, one after another.
 
-    `options.scan_topic` names the kind of line. Options of frames, tf and clocks do not apply. Raises a `DatasetError`
-    if the files hold no scan of the requested kind.
+    `options.scan_topic` names the kind of line. Options of frames and tf do not apply, and `options.clock_offset` only
+    to RAWLASER1, whose odometry has lines of its own. Raises a `DatasetError` if the files hold no scan of the
+    requested kind.
     """
     survey = _surveyed(paths)
     kind = _kind(paths, survey, options)
@@ -248,6 +249,7 @@ def _description(
         "upside_down": bool(options.upside_down),
         "times": settings.times,
         "clock_warning": _UNTIMED if settings.times == "none" else None,
+        "clock_offset_s": (options.clock_offset or 0.0) if source == "ODOM" else None,
         "range_min_m": rules.range_min,
         "range_offset_m": rules.offset,
         "range_max_m": rules.range_max or (first.raw.range_max if first is not None else settings.range_max),

@@ -93,6 +93,10 @@ def test_raw_laser_takes_odometry_from_odom(tmp_path):
     readings, recording = read(tmp_path / "run.log", "".join(lines))
     assert [reading.T_odom_robot.x for reading in readings[:-1]] == pytest.approx([k + 0.25 for k in range(9)])
     assert recording.counts.extrapolated == 1
+    assert recording.description["clock_offset_s"] == 0.0
+    readings, recording = read(tmp_path / "run.log", "".join(lines), clock_offset=0.05)
+    assert [reading.T_odom_robot.x for reading in readings[:-1]] == pytest.approx([k + 0.5 for k in range(9)])
+    assert recording.description["clock_offset_s"] == 0.05
     assert readings[0].T_robot_sensor == SE2(0.25, 0.0, 0.0)
 
 

@@ -114,7 +114,7 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
     options = task.config.recording
-    clock = recording.description.get("clock_offset_s")  # stated or detected; unknown in CARMEN logs
+    clock = recording.description.get("clock_offset_s")  # None where a line holds a scan and its odometry
     corrections = Corrections(
         options.range_offset,
         options.odometry_scale,
