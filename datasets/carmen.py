@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.carmen_lines import POSE_KINDS, SCAN_KINDS, LoggedScan, LogSettings, pose_from, scan_from
+from datasets.carmen_lines import SCAN_KINDS, LoggedScan, LogSettings, kind_of, pose_from, scan_from
 from datasets.counts import ReadingCounts
 from datasets.errors import DatasetError
 from datasets.odometry.se3 import SE3
@@ -73,8 +73,8 @@ def _surveyed(paths: list[Path]) -> _LogSurvey:
     """Count the kinds of lines, keep some scans of all parts of the drive, and the parameters."""
     survey = _LogSurvey()
     for line in (line for path in paths for line in lines_of(path)):
-        kind = line.split(None, 1)[0] if line.strip() else ""
-        if kind in SCAN_KINDS or kind in POSE_KINDS:
+        kind = kind_of(line)
+        if kind in SCAN_KINDS or kind == "ODOM":
             number = survey.numbers.get(kind, 0)
             survey.numbers[kind] = number + 1
             kept = survey.samples.setdefault(kind, [])
@@ -178,10 +178,11 @@ def _readings(
     motion = TopicMotion(mounting)
     pairing = Pairing(motion, counts, options.clock_offset or 0.0, options.odometry_scale, options.max_odometry_gap_s)
     for block in in_blocks(line for path in paths for line in lines_of(path)):
-        logs = [_read(line, settings) if line.startswith(kind + " ") else None for line in block]
+        kinds = [kind_of(line) for line in block]
+        logs = [_read(line, settings) if own == kind else None for own, line in zip(kinds, block, strict=True)]
         cleaned = iter(intake.cleaned([logged.raw for logged in logs if logged is not None]))
-        for line, logged in zip(block, logs, strict=True):
-            if line.startswith(kind + " "):
+        for own, line, logged in zip(kinds, block, logs, strict=True):
+            if own == kind:
                 if logged is None:
                     counts.scans_read += 1
                     counts.drop("unreadable")
@@ -198,7 +199,7 @@ def _readings(
                 else:
                     pairing.add(scan, scan.stamp)
                     yield from pairing.ready(scan.stamp)
-            elif kind == "RAWLASER1" and line.startswith("ODOM "):
+            elif kind == "RAWLASER1" and own == "ODOM":
                 _add_pose(motion, line, settings, counts.scans_read)
                 yield from pairing.ready(float("-inf"))
     yield from pairing.rest()
@@ -248,8 +249,8 @@ def _description(
         "T_robot_sensor": list(sensor_pose),
         "upside_down": bool(options.upside_down),
         "times": settings.times,
-        "clock_warning": _UNTIMED if settings.times == "none" else None,
         "clock_offset_s": (options.clock_offset or 0.0) if source == "ODOM" else None,
+        "clock_warning": _UNTIMED if settings.times == "none" else None,
         "range_min_m": rules.range_min,
         "range_offset_m": rules.offset,
         "range_max_m": rules.range_max or (first.raw.range_max if first is not None else settings.range_max),

@@ -11,7 +11,6 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import FARTHEST_PLACE
 
 SCAN_KINDS = ("FLASER", "ROBOTLASER1", "RAWLASER1", "L")
-POSE_KINDS = ("ODOM", "O")
 # These lines state no limit. A SICK LMS measures up to 80 m; longer ranges are codes.
 SICK_RANGE_MAX = 80.0
 _LATEST = 1e11  # some thousand years [s]
@@ -45,6 +44,12 @@ class LogSettings(NamedTuple):
     """Pose of a FLASER to use."""
 
 
+def kind_of(line: str) -> str:
+    """Return the first word of a line, by which it is a scan, odometry, or something else."""
+    words = line.split(None, 1)
+    return words[0] if words else ""
+
+
 def scan_from(line: str, settings: LogSettings) -> LoggedScan:
     """Read a line of one of `SCAN_KINDS`; ValueError or IndexError if it is cut off or of another kind."""
     words = line.split()
@@ -52,12 +57,9 @@ def scan_from(line: str, settings: LogSettings) -> LoggedScan:
 
 
 def pose_from(line: str, settings: LogSettings) -> LoggedPose:
-    """Read a line of one of `POSE_KINDS`; ValueError or IndexError if it is cut off."""
+    """Read a line of ODOM; ValueError or IndexError if it is cut off."""
     words = line.split()
-    pose = _pose(words[1:4])
-    if words[0] == "O":
-        return LoggedPose(_seconds(words[4]), _in_metres(pose))
-    return LoggedPose(_time(words[-3:], settings), pose)
+    return LoggedPose(_time(words[-3:], settings), _pose(words[1:4]))
 
 
 def _flaser(words: list[str], settings: LogSettings) -> LoggedScan:

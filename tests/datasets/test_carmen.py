@@ -209,10 +209,6 @@ def test_a_cut_off_archive(tmp_path):
         list(open_recording([path]))
 
 
-def test_several_logs_follow_each_other(tmp_path):
-    for name, start in (("a", 0), ("b", 10)):
-        (tmp_path / name).write_text("".join(flaser(k) for k in range(start, start + 10)))
-    readings = list(open_recording([tmp_path / "a", tmp_path / "b"]))
 def test_a_damaged_archive(tmp_path):
     rng = np.random.default_rng(0)
     packed = bytearray(gzip.compress("".join(flaser(k, rng.uniform(1, 9, 180)) for k in range(99)).encode()))
@@ -223,7 +219,18 @@ def test_a_damaged_archive(tmp_path):
         list(open_recording([path]))
 
 
+def test_several_logs_follow_each_other(tmp_path):
+    for name, start in (("a", 0), ("b", 10)):
+        (tmp_path / name).write_text("".join(flaser(k) for k in range(start, start + 10)))
+    readings = list(open_recording([tmp_path / "a", tmp_path / "b"]))
     assert [r.scan.stamp for r in readings] == pytest.approx([1000.0 + 0.2 * k for k in range(20)])
+
+
+@pytest.mark.parametrize(("blank", "margin"), [("\t", ""), ("  ", " \t")])
+def test_lines_of_any_white_space(tmp_path, blank, margin):
+    lines = [line for k in range(10) for line in (odom(1000.0 + 0.2 * k, float(k)), robot_laser(k, "RAWLASER1"))]
+    readings, _ = read(tmp_path / "run.log", "".join(margin + line.replace(" ", blank) for line in lines))
+    assert [reading.T_odom_robot.x for reading in readings] == pytest.approx(list(range(10)))
 
 
 def test_commas_for_points(tmp_path):
