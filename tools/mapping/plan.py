@@ -9,6 +9,7 @@ from pathlib import Path
 
 from datasets.opening import file_digests, list_recordings
 from tbmslam.configuration.parameters import changed
+from tbmslam.errors import TbmSlamError
 from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.segmentation import (
     Itinerary,
@@ -76,7 +77,8 @@ def plan_mapping(
 ) -> list[MappingTask]:
     """Return the robots in the order of the recordings.
 
-    A recording that is split is read for it, unless all its robots are finished already.
+    A recording that is split is read for it, unless all its robots are finished already. If one of several recordings
+    cannot be split, its robots fail when they are mapped.
     """
     recordings = list_recordings(args.recordings)
     groups = [(path,) for path in recordings] if args.separate else [tuple(recordings)]
@@ -94,7 +96,12 @@ def plan_mapping(
         shares = _shares(args)
         drafts = _parts(args, whole, len(tasks), shares)
         if shares != [None] and (args.split == "gaps" or args.redo or not all(map(finished, drafts))):
-            drafts = _cut(args, whole, len(tasks), shelf, progress)
+            try:
+                drafts = _cut(args, whole, len(tasks), shelf, progress)
+            except TbmSlamError as error:
+                if len(groups) == 1:
+                    raise
+                drafts = [dataclasses.replace(draft, failure=error) for draft in drafts]
         tasks += drafts
     return tasks
 

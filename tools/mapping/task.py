@@ -56,6 +56,8 @@ class MappingTask:
     segment: Segment | None = None
     counts: ReadingCounts | None = None
     """Its part, and the counts of a pass over the whole recording; None for the whole recording."""
+    failure: TbmSlamError | None = None
+    """Why the recording could not be split; raised instead of mapping."""
     began: float | None = None
     """Stamp of the first reading, at which `--interval` is 0 [s]; None if unknown."""
 
@@ -111,6 +113,8 @@ class Shelf:
 
 def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     """Map a robot and write its folder; the checksums are written last and mark it as finished."""
+    if task.failure is not None:
+        raise task.failure
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
     options = task.config.recording

@@ -170,6 +170,17 @@ def test_one_bad_recording_does_not_keep_the_others_from_being_mapped(bags, mapp
     assert "1 of 3 robots failed (bad)" in page
 
 
+def test_one_bad_recording_does_not_keep_the_others_from_being_split(bags, tmp_path, capsys):
+    bad = tmp_path / "bad.bag"
+    bad.write_bytes(b"#ROSBAG V2.0\n")
+    split = ("--separate", "--split", "gaps", "-o", tmp_path / "out")
+    assert run(bags / "robot_0.bag", bad, bags / "robot_2.bag", *split) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("build_maps: 1 of 3 robots failed (bad_0), the others are kept; correct or omit their ")
+    assert str(bad) in error
+    assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.is_dir()) == ["robot_0_0", "robot_2_0"]
+
+
 def test_other_recordings_are_not_mentioned_if_all_are_bad(tmp_path, capsys):
     for name in ("a.bag", "b.bag"):
         (tmp_path / name).write_bytes(b"#ROSBAG V2.0\n")
