@@ -37,8 +37,10 @@ def replacing(path: str | os.PathLike[str], make_way: Callable[[], object] | Non
         if make_way is not None:
             make_way()
         temporary.replace(target)
-        _flush_folder(target.parent)
-        _remove_leftovers(target)
+        with suppress(OSError):  # the file is replaced already
+            _flush_folder(target.parent)
+        with suppress(OSError):
+            _remove_leftovers(target)
     except OSError as error:
         raise FileNotWrittenError(
             f"{target}: cannot be written ({error.strerror or error}): choose another place or make room"

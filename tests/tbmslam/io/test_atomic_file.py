@@ -67,6 +67,19 @@ def test_the_remains_of_a_killed_writer_are_removed_by_the_next_file(tmp_path):
     assert sorted(tmp_path.iterdir()) == sorted([target, *others])
 
 
+def test_what_fails_after_the_replacement_is_no_error(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError("no such luck")
+
+    monkeypatch.setattr("tbmslam.io.atomic_file._flush_folder", fail)
+    (tmp_path / ".0123abcd.a").write_bytes(b"half")
+    write_bytes(tmp_path / "a", b"new")
+    assert names_in(tmp_path) == ["a"]
+    monkeypatch.setattr("tbmslam.io.atomic_file._remove_leftovers", fail)
+    write_bytes(tmp_path / "a", b"newer")
+    assert (tmp_path / "a").read_bytes() == b"newer"
+
+
 def test_names_that_are_no_text_are_written_out(tmp_path):
     write_text(tmp_path / "a.txt", "drive \udcff \u00fc")
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "drive \\udcff \u00fc"
