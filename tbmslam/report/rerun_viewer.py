@@ -63,8 +63,7 @@ class RerunViewer:
                 self._stream.save(file)
         except (OSError, RuntimeError, ValueError) as error:
             place = "a viewer cannot be started" if file is None else f"{file}: cannot be written"
-            reason = (str(error).splitlines() or [type(error).__name__])[0].rstrip(". ")
-            raise ViewerError(f"{place} ({reason}): give another file, --viewer FILE.rrd") from error
+            raise ViewerError(f"{place} ({_reason(error)}): give another file, --viewer FILE.rrd") from error
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -79,12 +78,11 @@ class RerunViewer:
             self._stream.flush(timeout_sec=_PATIENCE_S)
             self._stream.disconnect()
         except (RuntimeError, OSError) as fault:
-            reason = str(fault).splitlines()[0]
             if self._file is not None:
                 raise ViewerError(
-                    f"{self._file}: is not complete ({reason}): make room or give another file"
+                    f"{self._file}: is not complete ({_reason(fault)}): make room or give another file"
                 ) from fault
-            logger.warning("the viewer was closed before the end (%s)", reason)
+            logger.warning("the viewer was closed before the end (%s)", _reason(fault))
 
     def saw(self, name: str, reading: Reading, T_map_robot: SE2) -> None:
         """Show the pose of a robot, and at intervals its scan and the map so far."""
@@ -159,6 +157,11 @@ def _own_programs_found() -> Iterator[None]:
         os.environ["PATH"] = before
 
 
+def _reason(error: Exception) -> str:
+    """Return the first line of an error, or its kind if it says nothing."""
+    return (str(error).splitlines() or [type(error).__name__])[0].rstrip(". ")
+
+
 class _Robot:
     """The shown state of one robot."""
 
@@ -169,7 +172,7 @@ class _Robot:
         self._cells = np.zeros((0, 2), dtype=np.int64)
 
     def is_due(self, stamp: float) -> bool:
-        """Return whether to show a scan. After the clock stepped back every scan is shown until it caught up."""
+        """Return whether to show a scan: at intervals, and the first one after the clock stepped back."""
         if 0.0 <= stamp - self.last_stamp < _SCAN_EVERY_S - _ROUNDING_S:
             return False
         self.last_stamp = stamp

@@ -116,19 +116,22 @@ def test_without_a_screen_there_is_no_live_viewing(monkeypatch):
         RerunViewer()
 
 
-def test_a_viewer_that_was_closed_costs_no_map_but_a_file_must_be_whole(monkeypatch, tmp_path, caplog):
+@pytest.mark.parametrize(
+    ("said", "told"), [("connection severed\nUnknown error", "connection severed"), ("", "RuntimeError")]
+)
+def test_a_viewer_that_was_closed_costs_no_map_but_a_file_must_be_whole(monkeypatch, tmp_path, caplog, said, told):
     needs_rerun()
     import rerun
 
     def severed(stream, timeout_sec):
-        raise RuntimeError("connection severed\nUnknown error")
+        raise RuntimeError(said)
 
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(rerun.RecordingStream, "spawn", lambda _: None)
     monkeypatch.setattr(rerun.RecordingStream, "flush", severed)
     with RerunViewer():
         pass
-    assert "the viewer was closed before the end (connection severed)" in caplog.text
+    assert f"the viewer was closed before the end ({told})" in caplog.text
     viewer = RerunViewer(tmp_path / "a.rrd")
-    with pytest.raises(ViewerError, match=r"a\.rrd: is not complete \(connection severed\)"), viewer:
+    with pytest.raises(ViewerError, match=rf"a\.rrd: is not complete \({told}\)"), viewer:
         pass
