@@ -103,6 +103,8 @@ def _fetch(address: str, part: Path, progress: Progress) -> None:
                 f"{address}: the server says {response.status_code} {response.reason}: check if it has moved"
             )
         resumed = response.status_code == requests.codes.partial_content and content_range.startswith(f"bytes {have}-")
+        if have and not resumed:
+            part.unlink()  # before its tag is replaced
         tag = response.headers.get("ETag") or response.headers.get("Last-Modified")
         if tag and not tag.startswith("W/"):  # a weak tag does not promise the same bytes
             write_text(_tag_file(part), tag)

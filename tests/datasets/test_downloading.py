@@ -113,6 +113,23 @@ def test_the_download_restarts_if_the_server_cannot_resume(server, tmp_path, cha
     assert download(server.address, tmp_path / "a.bag", SHA256) is True
 
 
+def test_a_restart_that_is_killed_leaves_no_part_of_the_older_file(server, tmp_path, monkeypatch):
+    server.cuts = [1 << 16] * 3
+    with pytest.raises(DownloadError):
+        download(server.address, tmp_path / "a.bag")
+    write_text = downloading.write_text
+
+    def write_and_be_killed(*words):
+        write_text(*words)
+        raise KeyboardInterrupt
+
+    server.tag, server.content = '"two"', CONTENT[::-1]
+    monkeypatch.setattr(downloading, "write_text", write_and_be_killed)
+    with pytest.raises(KeyboardInterrupt):
+        download(server.address, tmp_path / "a.bag")
+    assert names(tmp_path) == ["a.bag.part.tag"]
+
+
 def test_everything_had_arrived_before_it_broke_off(server, tmp_path):
     (tmp_path / "a.bag.part").write_bytes(CONTENT)
     assert download(server.address, tmp_path / "a.bag", SHA256) is True
