@@ -41,6 +41,8 @@ def test_edits_are_applied_in_their_order_and_can_be_repeated(room, tmp_path, ca
     kinds = [one["kind"] for one in tomllib.loads((tmp_path / "out" / "edits.toml").read_text())["edit"]]
     assert kinds == ["rotate", "crop", "wall", "erase", "keepout"]
     assert changed_files(tmp_path / "out") == []
+    sums = (tmp_path / "out" / "SHA256SUMS").read_text()
+    assert all(f"  {name}\n" in sums for name in ("edits.toml", "keepout.yaml", "keepout.pgm"))
     assert run(room, "--edits", tmp_path / "out" / "edits.toml", "-o", tmp_path / "again") == 0
     for name in ("map.npz", "edits.toml", "keepout.pgm"):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "out" / name).read_bytes()
