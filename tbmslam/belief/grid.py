@@ -189,11 +189,7 @@ class TbmGrid:
         high = np.ceil(np.array([max_y - g.origin_y, max_x - g.origin_x]) / g.resolution - _SLIVER)
         (top, left), (bottom, right) = (np.clip(edge, 0, (g.rows, g.cols)).astype(int).tolist() for edge in (low, high))
         if top >= bottom or left >= right:
-            x0, y0, x1, y1 = g.bounds()
-            raise ValueError(
-                f"({min_x:g}, {min_y:g}) to ({max_x:g}, {max_y:g}) m holds no cell of the map, which reaches from "
-                f"({x0:.2f}, {y0:.2f}) to ({x1:.2f}, {y1:.2f}) m"
-            )
+            raise no_cell_error(g, min_x, min_y, max_x, max_y)
         return _without_rest(self.part(top, bottom, left, right))
 
     def known_part(self, margin: int = 0) -> "TbmGrid":
@@ -221,6 +217,15 @@ class TbmGrid:
         """
         part = self.known_part(margin)
         return self if part is self else _without_rest(part)
+
+
+def no_cell_error(geometry: GridGeometry, x0: float, y0: float, x1: float, y1: float) -> ValueError:
+    """Return the error of a part, from point to point [m], that holds no cell of a grid."""
+    left, bottom, right, top = geometry.bounds()
+    return ValueError(
+        f"({x0:g}, {y0:g}) to ({x1:g}, {y1:g}) m holds no cell of the map, which reaches from "
+        f"({left:.2f}, {bottom:.2f}) to ({right:.2f}, {top:.2f}) m"
+    )
 
 
 def _without_rest(part: TbmGrid) -> TbmGrid:

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.belief.grid import RELIABILITY, GridGeometry, TbmGrid, occupancy_of
+from tbmslam.belief.grid import RELIABILITY, GridGeometry, TbmGrid, no_cell_error, occupancy_of
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.map.drive import Drive
@@ -44,7 +44,7 @@ class MapEdit:
     def applied(self, tbm_map: TbmMap) -> TbmMap:
         """Return a map with this change.
 
-        Raises a `ValueError` if the part holds no cell.
+        Raises a `ValueError` if the part holds no cell of the map.
         """
         if self.kind == "rotate":
             return tbm_map.rotate(math.radians(self.values[0]))
@@ -57,6 +57,8 @@ class MapEdit:
         else:
             cells = _rectangle(geometry, (min(x0, x1), min(y0, y1)), (max(x0, x1), max(y0, y1)))
         masses = tbm_map.grid.masses.copy()
+        if not masses[cells].size:
+            raise no_cell_error(geometry, x0, y0, x1, y1)
         masses[cells] = _belief(self.kind)
         return replace(tbm_map, grid=TbmGrid(geometry, masses))
 

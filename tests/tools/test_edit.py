@@ -77,6 +77,11 @@ def test_trajectories_stay_and_scans_go(bag, tmp_path):
             ("room", "--crop", "50", "50", "60", "60", "-o", "out"),
             r"--crop: \(50, 50\) to .* holds no cell of the map, which reaches from \(-?\d+\.\d\d, .*\) m: correct",
         ),
+        (
+            ("room", "--erase", "50", "50", "51", "51", "-o", "out"),
+            r"--erase: \(50, 50\) to \(51, 51\) m holds no cell",
+        ),
+        (("room", "--keepout", "50", "50", "51", "51", "-o", "out"), r"--keepout: \(50, 50\) to .* holds no cell"),
         (("room", "--wall", "0", "0", "nan", "1", "-o", "out"), "--wall: the numbers of wall must be within"),
         (("room", "--edits", "none.toml", "-o", "out"), r"none\.toml: cannot be read: No such file"),
         (("room", "--edits", "bad.toml", "-o", "out"), r"bad\.toml: holds no list of edits"),
