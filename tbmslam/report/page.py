@@ -149,7 +149,7 @@ def _marked(config: Mapping[str, object], defaults: Mapping[str, object]) -> lis
     return sorted(((name, value, "" if was == value else was) for name, value, was in rows), key=lambda row: not row[2])
 
 
-_NAMED = ("tbmslam", "numpy", "numba", "opencv-python-headless", "rosbags")
+_NAMED = ("tbmslam", "numpy", "scipy", "numba", "opencv-python-headless", "rosbags")
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tbmslam.belief.grid import GridGeometry
-from tbmslam.report.page import Card, Page, Picture, Table, downloads
+from tbmslam.report.page import Card, Page, Picture, Table, downloads, versions
 from tbmslam.report.sheet import Palette, Raster, Sheet, Switch
 
 NASTY = '<script>alert("1")</script>&</style>'
@@ -117,3 +117,7 @@ def test_addresses_have_forward_slashes_also_where_paths_have_others(tmp_path, m
     (folder / "map.yaml").touch()
     monkeypatch.setattr(Path, "__bytes__", lambda path: str(path).replace("/", "\\").encode())  # as on Windows
     assert downloads(tmp_path, folder) == ["robot/map.yaml"]
+
+
+def test_packages_that_results_depend_on_are_named():
+    assert {"python", "numpy", "scipy", "numba", "opencv-python-headless", "rosbags"} <= versions().keys()
