@@ -228,20 +228,21 @@ def choose_slice(
     heights: tuple[float, float] | None,
     step_deg: float | None,
     clouds: Sequence[PointCloud],
-    topic: str,
+    named: str,
 ) -> CloudSlice:
     """Choose heights and beams for the clouds of a recording; raise a `DatasetError` if the slice is nearly empty.
 
     `heights` are the lowest and the highest point above the robot's frame [m]; None chooses a band around the sensor
     without floor. `step_deg` is the angle between beams, of any sign; None chooses the finest angle whose beams have
     points.
-    `clouds` are the first clouds of the recording. Errors name `topic`.
+    `clouds` are the first clouds of the recording. Errors begin with `named`, the
+    file and the topic of the clouds.
     """
     low, high = heights or (T_robot_sensor.z - _HALF_HEIGHT, T_robot_sensor.z + _HALF_HEIGHT)
     if heights is None and T_robot_sensor.z > _FLOOR:
         low = max(low, _FLOOR)
     cut = CloudSlice(T_robot_sensor, low, high)
-    _check_walls(cut, clouds, topic)
+    _check_walls(cut, clouds, named)
     step = math.radians(abs(step_deg or _finest_step(cut, clouds)))
     cut = replace(cut, angle_step=step, beams=round(2.0 * math.pi / step))
     turns = [turn for cloud in clouds if (turn := _turn(cut, cloud)) is not None]
@@ -252,7 +253,7 @@ def choose_slice(
     return replace(cut, angle_min=start, angle_step=math.copysign(step, rate), time_step=step / abs(rate))
 
 
-def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], topic: str) -> None:
+def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], named: str) -> None:
     shares = [float(np.isfinite(cut.scan(cloud).ranges).mean()) for cloud in clouds]
     if np.median(shares) >= _FEWEST_DIRECTIONS:
         return
@@ -263,7 +264,7 @@ def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], topic: str) -> N
         lowest, highest = np.percentile(heights, (5.0, 95.0))
         where = f"lie mostly between {lowest:.2f} and {highest:.2f} m"
     raise DatasetError(
-        f"the clouds of {topic} hold hardly any point between {cut.low:.2f} and {cut.high:.2f} m above the robot's "
+        f"{named} hold hardly any point between {cut.low:.2f} and {cut.high:.2f} m above the robot's "
         f"frame; they {where}: choose heights at which there are walls with --cloud-heights"
     )
 

@@ -17,10 +17,17 @@ class Mounting:
     """The mount of the laser on the robot.
 
     `steps` is the path from the robot's frame to the laser's; without one the laser is at the centre. `sensor_pose` and
-    `upside_down` replace the recorded mount.
+    `upside_down` replace the recorded mount. Errors begin with the name of the recording.
     """
 
-    def __init__(self, steps: list[Step] | None, sensor_pose: SE2 | None, upside_down: bool | None) -> None:
+    def __init__(
+        self,
+        steps: list[Step] | None,
+        sensor_pose: SE2 | None,
+        upside_down: bool | None,
+        recording: str = "the recording",
+    ) -> None:
+        self._recording = recording
         self._steps = steps or []
         self._sensor_pose = sensor_pose
         self._upside_down = upside_down
@@ -49,8 +56,9 @@ class Mounting:
             return self._sensor_pose, self._upside_down if self._upside_down is not None else up < 0.0
         if abs(up) < _STEEPEST:
             raise DatasetError(
-                f"the laser in frame {self._steps[-1].edge.child} scans {math.degrees(math.acos(abs(up))):.0f} "
-                f"degrees off the horizontal: choose another with --scan-topic, or set its pose with --sensor-pose"
+                f"{self._recording}: the laser in frame {self._steps[-1].edge.child} scans "
+                f"{math.degrees(math.acos(abs(up))):.0f} degrees off the horizontal: choose another with --scan-topic, "
+                "or set its pose with --sensor-pose"
             )
         return pose.planar(), self._upside_down if self._upside_down is not None else up < 0.0
 

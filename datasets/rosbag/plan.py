@@ -114,7 +114,7 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
         logger.warning("%s: %s", files.paths[0], clock.warning)
     limits = limits_warning(laser.first_scan.range_min, laser.first_scan.range_max)
     doubts = (
-        *_doubts(survey, frames, to_sensor if sensor_pose is None else None),
+        *_doubts(files, survey, frames, to_sensor if sensor_pose is None else None),
         *([limits] if limits and (options.range_min is None or options.range_max is None) else []),
         *files.pauses(),
     )
@@ -147,7 +147,8 @@ def _sliced(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) ->
     stated = None if to_sensor is None else pose_along(to_sensor)
     T_robot_sensor = mounting(stated, options.sensor_pose, options.upside_down)
     own = [cloud for cloud in clouds if plain(cloud.frame) == laser.frame] or clouds
-    cut = choose_slice(T_robot_sensor, options.cloud_heights, options.angle_step_deg, own, topics.scan)
+    named = f"{files.paths[0]}: the clouds of {topics.scan}"
+    cut = choose_slice(T_robot_sensor, options.cloud_heights, options.angle_step_deg, own, named)
     known = stated is not None or options.sensor_pose is not None
     pose = cut.T_robot_scan if known else None
     return cut, replace(options, sensor_pose=pose, upside_down=False, angle_step_deg=None)
@@ -248,12 +249,14 @@ def _robot(
     return robot, survey.graph.path(robot, laser.frame) if robot is not None else None
 
 
-def _doubts(survey: Survey, frames: Frames | None, to_sensor: list[Step] | None) -> tuple[str, ...]:
+def _doubts(files: BagFiles, survey: Survey, frames: Frames | None, to_sensor: list[Step] | None) -> tuple[str, ...]:
     """Return warnings about the paths that are read from tf."""
     warnings = survey.graph.doubts([*(frames.to_robot if frames else []), *(to_sensor or [])])
-    far = math.hypot(*Mounting(to_sensor, None, None).at(0.0)[0][:2])
+    far = math.hypot(*Mounting(to_sensor, None, None, str(files.paths[0])).at(0.0)[0][:2])
     if far > _TOO_FAR:
-        raise DatasetError(f"in tf the laser is mounted {far:.3g} m from the robot's centre: pass --sensor-pose")
+        raise DatasetError(
+            f"{files.paths[0]}: in tf the laser is mounted {far:.3g} m from the robot's centre: pass --sensor-pose"
+        )
     if far > _FAR_LASER:
         warnings.append(
             f"in tf the laser is mounted {far:.0f} m from the robot's centre: pass --sensor-pose if that is wrong"

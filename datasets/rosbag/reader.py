@@ -41,7 +41,7 @@ class _Pass:
     def __init__(self, plan: Plan, counts: ReadingCounts) -> None:
         options = plan.options
         step = math.radians(options.angle_step_deg) if options.angle_step_deg is not None else None
-        mounting = Mounting(plan.to_sensor, plan.sensor_pose, options.upside_down)
+        mounting = Mounting(plan.to_sensor, plan.sensor_pose, options.upside_down, str(plan.files.paths[0]))
         self._plan = plan
         self._counts = counts
         self._clock = ClockSteps(plan.clock.steady_lag, counts)

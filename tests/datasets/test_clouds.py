@@ -186,7 +186,7 @@ HANGING = SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def chosen(clouds, mount=LEVEL, heights=None, step_deg=None):
-    return choose_slice(mount, heights, step_deg, clouds, "/points")
+    return choose_slice(mount, heights, step_deg, clouds, "a.bag: the clouds of /points")
 
 
 @pytest.mark.parametrize("step_deg", [0.2, 0.4, 0.5, 1.0])
@@ -228,8 +228,8 @@ def test_the_heights_are_around_the_sensor_and_above_the_floor():
 
 def test_a_slice_without_walls_is_refused_with_the_heights_that_there_are():
     said = (
-        r"the clouds of /points hold hardly any point between 1\.00 and 2\.00 m above the robot's frame; they lie "
-        r"mostly between 0\.00 and 0\.\d\d m: choose heights at which there are walls with --cloud-heights"
+        r"a\.bag: the clouds of /points hold hardly any point between 1\.00 and 2\.00 m above the robot's frame; they "
+        r"lie mostly between 0\.00 and 0\.\d\d m: choose heights at which there are walls with --cloud-heights"
     )
     with pytest.raises(DatasetError, match=said):
         chosen([room_cloud()], heights=(1.0, 2.0))

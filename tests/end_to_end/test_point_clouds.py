@@ -48,4 +48,4 @@ def test_clouds_without_walls_at_the_stated_heights_are_refused(clouds, tmp_path
     words = [str(clouds / "robot_0.bag"), "-o", str(tmp_path / "maps"), "--cloud-heights", "3", "4"]
     assert build_maps.main(words) == 1
     said = capsys.readouterr().err
-    assert "the clouds of /points hold hardly any point between 3.00 and 4.00 m above the robot's frame" in said
+    assert ".bag: the clouds of /points hold hardly any point between 3.00 and 4.00 m above the robot's frame" in said

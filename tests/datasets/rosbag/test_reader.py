@@ -82,7 +82,9 @@ def test_upside_down_reverses_the_beams(script, tmp_path):
 def test_a_laser_on_its_side_is_refused(script, tmp_path):
     lying = SE3(0.0, 0.0, 0.0, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
     script.tf(100.0, "base_link", "laser", lying, topic="/tf_static").drive(100.0, 103.0).scan(101.0)
-    with pytest.raises(DatasetError, match=r"laser scans 90 degrees off the horizontal.*--scan-topic"):
+    with pytest.raises(
+        DatasetError, match=r"\.bag: the laser in frame laser scans 90 degrees off the horizontal.*--scan-topic"
+    ):
         read(script.in_time_order().write(tmp_path / "run.bag"))
 
 
