@@ -12,6 +12,9 @@ _CODE_BEAMS, _CODE_SHARE, _CODE_SCANS, _CODE_WIDTH, _CODE_NEAREST = 20, 0.005, 5
 """A code for no return: least number of beams, share of all, scans, beams per scan, and its length [m]."""
 
 
+SCANS, _ARE = ("scan", "scans"), ("scan is", "scans are")
+
+
 def is_like_a_code(range_m: float, beams: int, scans: int, all_beams: int) -> bool:
     """Return whether a range may mean "no return", because many beams of all scans have exactly this range."""
     is_frequent = beams >= max(_CODE_BEAMS, _CODE_SHARE * all_beams)
@@ -57,9 +60,9 @@ class ReadingCounts:
     """Scans left out, by reason: before_odometry, empty, duplicate, unreadable, impossible_angles, other_frame (another
     laser on the same topic)."""
     beams: dict[str, int] = field(default_factory=dict)
-    """Beams of all scans except duplicates, by result: hit, no_return, too_close, zero, nan."""
+    """Beams of all decoded scans with possible angles except duplicates, by result: hit, no_return, too_close, zero, nan."""
     backward_stamps: int = 0
-    """Used scans whose stamp is earlier than that of the scan before."""
+    """Scans, used or not, whose stamp is earlier than that of the scan before."""
     same_stamps: int = 0
     """Scans with the stamp of an earlier scan but other ranges; they are kept."""
     beam_count_changes: int = 0
@@ -69,9 +72,9 @@ class ReadingCounts:
     longest_gap_s: float = 0.0
     """Pauses between scans, their sum and the longest [s]."""
     extrapolated: int = 0
-    """Scans at the end whose odometry was extrapolated beyond the last pose."""
+    """Used scans whose odometry was extrapolated: shortly after the last pose, or at the edge of a long gap."""
     without_odometry: int = 0
-    """Used scans in gaps of the odometry that are too long for interpolation."""
+    """Used scans without odometry: farther within such a gap, or longer after the last pose."""
     clock_disagreements: int = 0
     """Scans whose difference of stamp and bag time differs from that at the beginning."""
     lost_scans: int = 0
@@ -143,35 +146,44 @@ class ReadingCounts:
             if name not in ("incidents", "pauses")
         }
 
+    def anomalies(self) -> list[str]:
+        """Return a sentence for each kind of anomaly that occurred, except gaps and dropped scans."""
+        sentences = [
+            f"{in_number(number, *words)} {what}"
+            for number, words, what in (
+                (self.backward_stamps, _ARE, "stamped earlier than the scan before: the clock stepped back"),
+                (self.same_stamps, ("scan has", "scans have"), "the stamp of an earlier scan"),
+                (self.clock_disagreements, _ARE, "stamped by another clock than the rest of the recording"),
+                (self.extrapolated, _ARE, "beyond the odometry, at its end or at a long gap: it was extrapolated"),
+                (self.without_odometry, SCANS, "had no odometry, so scan matching alone estimated the motion"),
+                (self.doubtful_sweeps, ("scan states", "scans state"), "an impossible time between beams"),
+            )
+            if number
+        ]
+        if (code := self.likely_code()) is not None:
+            sentences.append(
+                f"{in_number(self.farthest_beams, 'beam ends', 'beams end')} at exactly {code:.6g} m, the longest "
+                f"range of all, which may be a code for no return: try --no-return-code {code:.6g}"
+            )
+        if self.beam_count_changes:
+            sentences.append(f"the number of beams changed {in_number(self.beam_count_changes, 'time', 'times')}")
+        if self.lost_scans:
+            lost = in_number(self.lost_scans, *SCANS)
+            sentences.append(f"about {lost}, {self.lost_seconds:.1f} s, lost in a damaged file")
+        return sentences
+
     def summary(self) -> str:
         """Return one or two lines of text: used scans, dropped scans with reasons, and anomalies."""
-        lines = [f"{self.scans_used} of {in_number(self.scans_read, 'scan', 'scans')} used"]
+        lines = [f"{self.scans_used} of {in_number(self.scans_read, *SCANS)} used"]
         if self.dropped:
             lines[0] += ", dropped: " + ", ".join(f"{n} {reason}" for reason, n in sorted(self.dropped.items()))
         total = sum(self.beams.values())
         if total:
             shares = (f"{100.0 * n / total:.1f} % {fate}" for fate, n in sorted(self.beams.items()))
             lines[0] += "; beams: " + ", ".join(shares)
-        oddities = [
-            in_number(number, one, many)
-            for number, one, many in (
-                (self.backward_stamps, "backward stamp", "backward stamps"),
-                (self.same_stamps, "repeated stamp", "repeated stamps"),
-                (self.beam_count_changes, "change of the beam count", "changes of the beam count"),
-                (self.extrapolated, "scan after the last odometry", "scans after the last odometry"),
-                (self.without_odometry, "scan without odometry", "scans without odometry"),
-                (self.clock_disagreements, "scan with another clock", "scans with another clock"),
-                (self.doubtful_sweeps, "scan with doubtful times of beams", "scans with doubtful times of beams"),
-            )
-            if number
-        ]
+        oddities = self.anomalies()
         if self.gaps:
             oddities.append(gaps_in_words(self.pauses_in(None)))
-        if self.lost_scans:
-            lost = in_number(self.lost_scans, "scan", "scans")
-            oddities.append(f"about {lost}, {self.lost_seconds:.1f} s, lost in a damaged file")
-        if (code := self.likely_code()) is not None:
-            oddities.append(f"{self.farthest_beams} beams of exactly {code:.6g} m (try --no-return-code {code:.6g})")
         if oddities:
-            lines.append("odd: " + ", ".join(oddities))
+            lines.append("odd: " + "; ".join(oddities))
         return "\n".join(lines)

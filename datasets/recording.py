@@ -8,7 +8,7 @@ from queue import Empty, Queue
 from threading import Event, Thread
 from typing import TypeAlias, TypeVar
 
-from datasets.counts import ReadingCounts, Span, gaps_in_words, in_number
+from datasets.counts import SCANS, ReadingCounts, Span, gaps_in_words, in_number
 from datasets.errors import DatasetError
 from tbmslam.sensing.laser_scan import Reading
 
@@ -17,7 +17,7 @@ _BLOCK = 256
 
 
 def in_blocks(items: Iterable[Item]) -> Iterator[list[Item]]:
-    """Yield items in blocks; those before a DatasetError come before it."""
+    """Yield items in blocks; a DatasetError follows the items before it."""
     block: list[Item] = []
     try:
         for item in items:
@@ -83,7 +83,7 @@ def _why_nothing(counts: ReadingCounts) -> str:
     reasons = ", ".join(f"{number} {reason}" for reason, number in sorted(counts.dropped.items()))
     main = max(counts.dropped, key=lambda reason: counts.dropped[reason], default="")
     remedy = _REMEDIES.get(main, "choose another --scan-topic")
-    return f"none of {in_number(counts.scans_read, *_SCANS)} can be used ({reasons}): {remedy}"
+    return f"none of {in_number(counts.scans_read, *SCANS)} can be used ({reasons}): {remedy}"
 
 
 _DROPPED = {
@@ -94,7 +94,6 @@ _DROPPED = {
     "unreadable": "unreadable",
     "other_frame": "from another laser on the same topic",
 }
-_SCANS, _ARE = ("scan", "scans"), ("scan is", "scans are")
 _MANY = 0.01  # least share of all beams that causes a warning
 
 
@@ -104,7 +103,7 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
     Only gaps in the mapped `span` count. Other counts have no times and describe the whole recording.
     """
     counts = recording.counts
-    counted = _counted(counts) + _beam_warnings(counts)
+    counted = _dropped(counts) + counts.anomalies() + _beam_warnings(counts)
     if span is not None:
         counted = [f"in the whole recording, {what}" for what in counted]
     pauses = counts.pauses_in(span)
@@ -119,34 +118,11 @@ def recording_warnings(recording: Recording, span: Span | None = None) -> list[s
     return warnings + [str(warning) for warning in (recording.description.get("clock_warning"), angle) if warning]
 
 
-def _counted(counts: ReadingCounts) -> list[str]:
-    warnings = [
+def _dropped(counts: ReadingCounts) -> list[str]:
+    return [
         f"{number} of {in_number(counts.scans_read, 'scan was', 'scans were')} dropped: {_DROPPED.get(reason, reason)}"
         for reason, number in sorted(counts.dropped.items())
     ]
-    warnings += [
-        f"{in_number(number, *words)} {what}"
-        for number, words, what in (
-            (counts.backward_stamps, _ARE, "stamped earlier than the scan before: the clock stepped back"),
-            (counts.same_stamps, ("scan has", "scans have"), "the stamp of an earlier scan"),
-            (counts.clock_disagreements, _ARE, "stamped by another clock than the rest of the recording"),
-            (counts.extrapolated, _SCANS, "came after the last odometry, which was extrapolated"),
-            (counts.without_odometry, _SCANS, "had no odometry, so scan matching alone estimated the motion"),
-            (counts.doubtful_sweeps, ("scan states", "scans state"), "an impossible time between beams"),
-        )
-        if number
-    ]
-    if (code := counts.likely_code()) is not None:
-        warnings.append(
-            f"{in_number(counts.farthest_beams, 'beam ends', 'beams end')} at exactly {code:.6g} m, the longest range "
-            f"of all, which may be a code for no return: try --no-return-code {code:.6g}"
-        )
-    if counts.beam_count_changes:
-        warnings.append(f"the number of beams changed {in_number(counts.beam_count_changes, 'time', 'times')}")
-    if counts.lost_scans:
-        lost = in_number(counts.lost_scans, *_SCANS)
-        warnings.append(f"about {lost}, {counts.lost_seconds:.1f} s, lost in a damaged file")
-    return warnings
 
 
 def _beam_warnings(counts: ReadingCounts) -> list[str]:

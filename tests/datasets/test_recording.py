@@ -72,7 +72,8 @@ def test_counts_as_text_and_as_json():
     ]
     assert counts.summary() == (
         "8 of 10 scans used, dropped: 1 duplicate, 1 empty; beams: 90.0 % hit, 10.0 % no_return\n"
-        "odd: 2 backward stamps, 2 gaps of 8.0 s in all without a scan, the longest 5.0 s"
+        "odd: 2 scans are stamped earlier than the scan before: the clock stepped back; "
+        "2 gaps of 8.0 s in all without a scan, the longest 5.0 s"
     )
     assert json.loads(json.dumps(counts.as_dict()))["dropped"] == {"duplicate": 1, "empty": 1}
     other = ReadingCounts()
@@ -148,7 +149,7 @@ def test_every_fault_is_a_sentence():
         "3 scans are stamped earlier than the scan before: the clock stepped back",
         "1 scan has the stamp of an earlier scan",
         "4 scans are stamped by another clock than the rest of the recording",
-        "5 scans came after the last odometry, which was extrapolated",
+        "5 scans are beyond the odometry, at its end or at a long gap: it was extrapolated",
         "9 scans had no odometry, so scan matching alone estimated the motion",
         "7 scans state an impossible time between beams",
         "the number of beams changed 6 times",
@@ -211,7 +212,7 @@ def test_a_code_read_as_a_wall_is_reported_with_the_option():
         "--no-return-code 8"
     )
     assert recording_warnings(made) == [said]
-    assert "odd: 40 beams of exactly 8 m (try --no-return-code 8)" in made.counts.summary()
+    assert "odd: 40 beams end at exactly 8 m, the longest" in made.counts.summary()
 
 
 MOST_WAITING = 32 * 18  # blocks that wait, one that is being filled, one that waits for room

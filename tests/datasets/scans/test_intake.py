@@ -82,7 +82,7 @@ def test_the_time_between_beams_must_be_possible(stated, believed):
     scan = intake.take(raw(1.0, time_increment=stated))
     assert scan.time_increment == (0.05 if stated == 0.05 else 0.0)
     assert counts.doubtful_sweeps == (not believed)
-    assert ("1 scan with doubtful times of beams" in counts.summary()) == (not believed)
+    assert ("1 scan states an impossible time between beams" in counts.summary()) == (not believed)
 
 
 def test_nothing_in_range_is_information():
