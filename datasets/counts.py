@@ -60,7 +60,7 @@ class ReadingCounts:
     """Scans left out, by reason: before_odometry, empty, duplicate, unreadable, impossible_angles, other_frame (another
     laser on the same topic)."""
     beams: dict[str, int] = field(default_factory=dict)
-    """Beams of all decoded scans with possible angles except duplicates, by result: hit, no_return, too_close, zero, nan."""
+    """Beams of scans with possible angles, except duplicates, by result: hit, no_return, too_close, zero, nan."""
     backward_stamps: int = 0
     """Scans, used or not, whose stamp is earlier than that of the scan before."""
     same_stamps: int = 0

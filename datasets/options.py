@@ -22,7 +22,7 @@ class RecordingOptions:
         "auto"
     )
     scan_topic: Annotated[
-        str | None, "topic of the scans, if a bag has several; in a CARMEN log FLASER, ROBOTLASER1 or RAWLASER1"
+        str | None, "topic of the scans, if a bag has several; in a CARMEN log FLASER, ROBOTLASER1, RAWLASER1 or L"
     ] = None
     laser_frame: Annotated[
         str | None,
@@ -44,7 +44,7 @@ class RecordingOptions:
         float | None, "angle between beams [deg] instead of the recorded one; the first beam keeps its direction"
     ] = None
     range_min: Annotated[float | None, "shortest valid range [m] instead of the recorded one"] = None
-    range_max: Annotated[float | None, "longest valid range [m] instead of the recorded one"] = None
+    range_max: Annotated[float | None, "least range that means no return [m] instead of the recorded one"] = None
     range_offset: Annotated[float, "offset that is added to every measured range [m]"] = 0.0
     no_return: Annotated[
         NoReturn, 'meaning of a beam without a return: "free", nothing in range, or "drop", unknown'

@@ -72,7 +72,7 @@ def parser(program: str = "build_maps") -> argparse.ArgumentParser:
 
 def _add_robots(robots: argparse._ArgumentGroup) -> None:
     robots.add_argument(
-        "--separate", action="store_true", help="each recording is one robot; else all recordings are one drive"
+        "--separate", action="store_true", help="recordings are separate drives; else all recordings are one drive"
     )
     robots.add_argument(
         "--robots", type=number_within(int, 1, MOST_ROBOTS), default=1, metavar="N",
@@ -138,7 +138,7 @@ def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> 
     if args.reference and not listed and len(args.reference) != (len(args.recordings) if args.separate else 1):
         grammar.error("--reference needs one trajectory for each recording (one in all without --separate)")
     if args.separate and (args.robots != 1 or args.interval):
-        grammar.error("--separate makes each recording one robot: drop --robots and --interval")
+        grammar.error("--robots and --interval cut one drive: drop them or --separate")
     if not 0.0 <= args.overlap < 1.0:
         grammar.error(f"--overlap must be at least 0 and below 1, got {args.overlap:g}")
     if args.scheduler and args.workers > 1:

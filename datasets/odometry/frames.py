@@ -111,7 +111,7 @@ class FrameGraph:
             chain.append(above[0])
 
     def doubts(self, steps: list[Step]) -> list[str]:
-        """Return a warning for each frame of a path with two parents in tf, one of which was chosen."""
+        """Return a warning for each frame of a path that has two parents in tf or several places in tf_static."""
         warnings = []
         for edge in (step.edge for step in steps):
             name = f"{edge.child} in {edge.parent}"
@@ -141,8 +141,8 @@ class Frames:
 def choose_frames(graph: FrameGraph, sensor: str, options: RecordingOptions) -> Frames | None:
     """Find the odometry frame and the robot's frame in tf; None if tf holds no odometry.
 
-    The odometry frame is the first of these: the requested frame; a frame of a usual name that moves relative to the
-    laser (or to a robot frame if the laser is not in tf); the topmost frame above the laser that is not a localiser's.
+    The odometry frame is the requested frame, or the first of these relative to which the robot moves: a frame of a
+    usual name; a frame with `odom` in its name; the topmost frame above the laser that is not a localiser's.
     The robot's frame is the first of these: the requested frame; base_footprint or base_link on the path to the laser;
     the end of the first edge that is not static.
     """

@@ -23,7 +23,7 @@ class FoundPose(NamedTuple):
 
 
 class PoseHistory:
-    """The newest buffered poses, at most `capacity`, in the order of arrival, with lookup by stamp.
+    """The newest poses, fewer than twice `capacity`, in the order of arrival, with lookup by stamp.
 
     Some recorders step back in time while the robot drives on. Sorting by stamp would then mix two parts of the drive.
     The poses therefore stay in their order, as runs of rising stamps, and a stamp is looked up in the newest run that
@@ -150,8 +150,8 @@ class Pairing:
     """Holds scans back until the odometry around their stamps has arrived; keeps the order of the recording.
 
     The time of a scan's odometry is its stamp plus `clock_offset` [s]; the scan keeps its stamp. `odometry_scale`
-    multiplies the lengths of the odometry. A scan without odometry is dropped after `patience_s` of bag time, which is
-    also the longest interpolated gap between two poses [s].
+    multiplies the lengths of the odometry. After `patience_s` of bag time, which is also the longest interpolated gap
+    between two poses [s], a scan is answered without odometry. Scans before the first pose are dropped.
     """
 
     def __init__(

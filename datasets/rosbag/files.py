@@ -13,8 +13,8 @@ from datasets.rosbag.messages import Content, FramedScan, MessageDecoder, standa
 from datasets.rosbag.source import BagSource
 from datasets.salvage.salvaged_bag import BagConnection, Loss
 
-_MOST = 0.5
-"""Least shares of the shorter bag's time, and of equal scans, for two bags of one drive; parts overlap by less."""
+_HALF = 0.5
+"""Share of the shorter bag above which two bags overlap in time, or hold the same scans."""
 
 _LONG_PAUSE_NS = 600 * 10**9
 """Time between the files of one drive that causes a warning: a recorder begins a new file within seconds."""
@@ -39,7 +39,7 @@ def _overlap(bag: BagSource, other: BagSource) -> bool:
     if bag.span is None or other.span is None:
         return False
     common = min(bag.span[1], other.span[1]) - max(bag.span[0], other.span[0])
-    return common > _MOST * min(last - first for first, last in (bag.span, other.span))
+    return common > _HALF * min(last - first for first, last in (bag.span, other.span))
 
 
 def _alike(bag: BagSource, other: BagSource, topic: str) -> bool:
@@ -48,7 +48,7 @@ def _alike(bag: BagSource, other: BagSource, topic: str) -> bool:
         {hashlib.blake2b(message.data, digest_size=16).digest() for message in source.messages([topic], topic)}
         for source in (bag, other)
     ]
-    return len(held[0] & held[1]) > _MOST * min(map(len, held))
+    return len(held[0] & held[1]) > _HALF * min(map(len, held))
 
 
 class Topic(NamedTuple):

@@ -32,7 +32,7 @@ _MD5_SUMS = {
     ODOMETRY_TYPE: "cd5e73d190d741a2f92e81eda573aca7",
     **dict.fromkeys(TF_TYPES, "94810edda583a504dfda3829e70d7eec"),
 }
-"""The used definitions of ROS 1; loading all definitions takes longer than reading a small bag."""
+"""Checksums of the usual definitions of ROS 1; loading all definitions takes longer than reading a small bag."""
 
 
 @cache

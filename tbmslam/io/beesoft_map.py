@@ -2,7 +2,7 @@
 
 A text file, plain or gzipped: lines of settings that end with ``global_map[0]: ROWS COLS``, then a probability of being
 free for each cell, -1 if nothing is known. A line of numbers runs along y and the lines follow each other along x;
-drives in that building show that read so the map is no mirror image.
+drives in that building show that this is no mirror image.
 """
 
 import gzip
