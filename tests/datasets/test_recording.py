@@ -10,6 +10,7 @@ from datasets.counts import ReadingCounts, Span
 from datasets.recording import Recording, in_blocks, read_ahead, recording_warnings
 from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan, Reading
+from tests.warnings_page import is_explained
 
 
 @pytest.mark.parametrize("number", [0, 1, 256, 257, 1000])
@@ -160,6 +161,25 @@ def test_every_fault_is_a_sentence():
         "the laser's clock is 82 s behind",
         "angles do not fit",
     ]
+
+
+def test_every_warning_is_explained():
+    reasons = ("before_odometry", "impossible_angles", "empty", "duplicate", "unreadable", "other_frame")
+    made = recording(
+        {"sensor_pose_known": False},
+        dropped=dict.fromkeys(reasons, 2),
+        beams={"hit": 1000, "nan": 100, "zero": 100, "too_close": 100},
+        pauses=[(1.0, 2.0), (5.0, 7.0)],
+        **dict.fromkeys(("backward_stamps", "same_stamps", "clock_disagreements", "extrapolated"), 2),
+        **dict.fromkeys(("without_odometry", "doubtful_sweeps", "lost_scans", "beam_count_changes"), 2),
+        farthest_m=8.0,
+        farthest_beams=40,
+        farthest_scans=10,
+    )
+    said = recording_warnings(made)
+    assert len(said) == 6 + 9 + 3 + 2
+    assert [warning for warning in said if not is_explained(warning)] == []
+    assert not is_explained("the robot sings")
 
 
 def test_a_gap_is_one():

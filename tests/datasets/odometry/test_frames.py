@@ -4,6 +4,7 @@ from datasets.odometry.frames import FrameGraph, choose_frames, find_robot_frame
 from datasets.odometry.se3 import SE3
 from datasets.options import RecordingOptions
 from tbmslam.geometry.se2 import SE2
+from tests.warnings_page import is_explained
 
 
 def graph_of(*edges):
@@ -117,6 +118,7 @@ def test_a_duplicate_transform_causes_a_warning():
         doubt
         == "tf_static states several places of laser in base; the first is used: pass --sensor-pose if it is wrong"
     )
+    assert is_explained(doubt)
 
 
 @pytest.mark.parametrize(
@@ -136,3 +138,4 @@ def test_two_parents_of_one_frame_cause_a_warning(edges, said):
     graph = graph_of(*edges)
     frames = choose_frames(graph, "laser", AUTO)
     assert graph.doubts([*frames.to_robot, *frames.to_sensor]) == [said]
+    assert is_explained(said)

@@ -7,6 +7,7 @@ from datasets import DatasetError, RecordingOptions, open_recording
 from tbmslam.geometry.se2 import SE2
 from tests.datasets.conftest import BagScript
 from tests.datasets.rosbag.ordinary_bag import read
+from tests.warnings_page import is_explained
 
 
 def test_odometry_of_a_slow_clock_is_read_by_the_time_it_came(script, tmp_path):
@@ -116,6 +117,7 @@ def test_a_laser_far_from_its_robot(script, tmp_path, caplog, away, refused):
         # A place that is not on earth is no transform at all.
         far = "the laser is mounted 30 m from the robot's centre" in caplog.text
         assert far is (away == 30.0) is bool(recording.description["frame_warnings"])
+        assert all(map(is_explained, recording.description["frame_warnings"]))
         assert recording.description["sensor_pose_known"] is far
 
 

@@ -3,6 +3,7 @@ import pytest
 
 from datasets.counts import ReadingCounts
 from datasets.scans.clocks import ClockSteps, compare_clocks, lags_of_unset
+from tests.warnings_page import is_explained
 
 rng = np.random.default_rng(0)
 
@@ -23,6 +24,7 @@ def test_a_constant_fault_is_corrected(fault):
     assert found.offset == pytest.approx(fault, abs=0.02)
     assert found.warning is not None
     assert "corrected" in found.warning
+    assert is_explained(found.warning)
 
 
 def test_the_time_that_a_scan_takes_is_no_clock_s_fault():
@@ -39,6 +41,7 @@ def test_seconds_may_be_latency():
     assert found.offset == 0.0
     assert found.warning is not None
     assert "treated as latency: pass --clock-offset" in found.warning
+    assert is_explained(found.warning)
 
 
 @pytest.mark.parametrize("lags", [(jitter(80.0, 5.0), jitter(0.0)), (jitter(80.0), jitter(0.0, 5.0))])
@@ -47,6 +50,7 @@ def test_a_varying_offset_is_reported_and_not_corrected(lags):
     assert found.offset == 0.0
     assert found.warning is not None
     assert "varies, and was not corrected: pass --clock-offset" in found.warning
+    assert is_explained(found.warning)
 
 
 def test_too_little_to_tell():

@@ -6,6 +6,7 @@ import pytest
 from datasets.counts import ReadingCounts
 from datasets.scans.cleaning import RangeRules
 from datasets.scans.intake import RawScan, ScanIntake, angle_warning, are_degrees
+from tests.warnings_page import is_explained
 
 
 def raw(stamp, ranges=(1.0, 2.0), step=0.1, **others):
@@ -157,6 +158,7 @@ def test_a_stretched_fan_causes_a_warning(beams, fan_deg, step):
     warning = angle_warning(beams, math.radians(fan_deg / (beams - 1)))
     assert warning is not None
     assert f"pass --angle-step-deg {step}" in warning
+    assert is_explained(warning)
 
 
 @pytest.mark.parametrize(
@@ -184,3 +186,4 @@ def test_more_than_a_full_turn_causes_a_warning():
     warning = angle_warning(360, math.radians(1.03))
     assert warning is not None
     assert warning.endswith("more than a turn: if these span one turn, pass --angle-step-deg 1")
+    assert is_explained(warning)

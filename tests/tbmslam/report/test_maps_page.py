@@ -7,6 +7,7 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.maps_page import MappedRobot, joined_warnings, maps_page
 from tbmslam.report.page import RunInfo
+from tests.warnings_page import is_explained
 
 
 def robot(run=None):
@@ -58,8 +59,10 @@ def test_equal_warnings_of_many_robots_are_joined():
 
 
 def test_coarser_cells_cause_a_warning():
-    (said, _) = robot({"config": {"map": {"resolution": 0.25}}}).warnings()
+    said, other = robot({"config": {"map": {"resolution": 0.25}}}).warnings()
     assert said == "the map is so large that its cells are 0.5 m and not 0.25 m"
+    assert is_explained(said)
+    assert is_explained(other)
 
 
 def test_all_maps_are_listed_and_the_first_are_shown():
