@@ -5,7 +5,7 @@ import pytest
 
 from datasets import Recording, RecordingOptions
 from tbmslam.sensing.laser_scan import LaserScan, Reading
-from tools.mapping.task import Shelf
+from tools.mapping.task import Shelf, valid_json
 
 PATHS, OPTIONS = (Path("run.bag"),), RecordingOptions()
 
@@ -22,6 +22,19 @@ def opened(monkeypatch):
 
     monkeypatch.setattr("tools.mapping.task.open_recording", lambda _paths, _options: Recording("run", stream, {}))
     return passes
+
+
+def test_what_json_cannot_hold_is_null():
+    record = {
+        "first_scan": {"range_max_m": np.inf, "range_min_m": -np.inf},
+        "ranges": [np.nan, 1.5],
+        "name": "Infinity",
+    }
+    assert valid_json(record) == {
+        "first_scan": {"range_max_m": None, "range_min_m": None},
+        "ranges": [None, 1.5],
+        "name": "Infinity",
+    }
 
 
 def test_a_recording_of_several_robots_is_read_once(opened):
