@@ -234,9 +234,8 @@ def choose_slice(
 
     `heights` are the lowest and the highest point above the robot's frame [m]; None chooses a band around the sensor
     without floor. `step_deg` is the angle between beams, of any sign; None chooses the finest angle whose beams have
-    points.
-    `clouds` are the first clouds of the recording. Errors begin with `named`, the
-    file and the topic of the clouds.
+    points. `clouds` are the first clouds of the recording. Errors begin with `named`, the file and the topic of the
+    clouds.
     """
     low, high = heights or (T_robot_sensor.z - _HALF_HEIGHT, T_robot_sensor.z + _HALF_HEIGHT)
     if heights is None and T_robot_sensor.z > _FLOOR:
