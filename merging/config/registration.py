@@ -165,10 +165,6 @@ class NonrigidConfig(FrozenConfig):
     min_agreement: Share = Field(0.5, description="least agreement of a registered tile")
     min_wall_m: Metres = Field(3.0, description="least agreeing wall of a registered tile [m]")
     farthest_m: Metres = Field(1.0, description="largest distance of a tile from its initial pose [m]")
-    # Of the deformed pairs of simulated floors that only the second attempt aligns, the smallest factor is 2.18. One in
-    # twenty pairs of different places has more than 2, but fits no better with larger distances. Without this limit
-    # 7 more of 210 deformed pairs are aligned, but also 2 of 4000 pairs of different places.
-    clear_lead: float = Field(2.0, ge=1, description="the same factor for a second attempt with larger distances")
-    wide_agreement_m: Metres = Field(0.25, description="largest distance of agreeing walls in it [m]")
+    wide_agreement_m: Metres = Field(0.25, description="largest distance of agreeing walls in a second attempt [m]")
     wide_conflict_m: Metres = Field(0.45, description="least distance of a conflict in it [m]")
     wide_see_through_m: Metres = Field(0.8, description="free space before and behind a wall seen through in it [m]")

@@ -3,10 +3,10 @@
 The correlation works on coarse cells and tolerates some tenths of a metre, so it finds deformed maps too; only the
 verification refuses them. A deformed map fits more poses than a rigid map. Therefore the deformed map must pass a new
 rigid alignment without an initial guess, and must fit better than deformed rivals: other poses of the map, and poses of
-its mirror image. Registered tiles leave some distance between corresponding walls. If one pose has a clear lead in the
-correlation, a second attempt tolerates larger distances. A deformed map often fits best at another pose than the first
-one of the correlation, so deformations start at several poses (`merging.nonrigid.hypotheses`). The confidence follows
-from both tests and from the share of the floor that agrees (`merging.nonrigid.deformed_model`).
+its mirror image. Registered tiles leave some distance between corresponding walls, so a second attempt tolerates larger
+distances. A deformed map often fits best at another pose than the first one of the correlation, so deformations start
+at several poses (`merging.nonrigid.hypotheses`). The confidence follows from both tests and from the share of the floor
+that agrees (`merging.nonrigid.deformed_model`).
 
 If most walls agree at a rigid pose, it may be accepted although the maps are deformed. The other walls would be doubled
 in the merged map, and the pose would fit only one part of the overlap. Therefore a map is also deformed at an accepted
@@ -35,10 +35,10 @@ from merging.map_graph.links import is_same_pose
 from merging.merge_state import MergeState
 from merging.nonrigid.deformation import DeformableMap, Deformation, DeformedMap
 from merging.nonrigid.deformed_model import DeformedTests
-from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses
+from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses, evidence_near
 from merging.nonrigid.rivals import DeformedRivals, first_distinct
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import Proposals, lead_of, propose, same_place
+from merging.registration.correlation import Proposals, propose, same_place
 from merging.registration.features import Features
 from merging.rigid_alignment import (
     WORTH_DEFORMING,
@@ -198,20 +198,20 @@ def attempts(
 ) -> Iterator[Attempt]:
     """Deform the source at the best poses of the correlation; yield the attempts that pass both tests.
 
-    The second attempt tolerates larger distances. It is made only if one pose is clear. A test is passed with
-    `min_confidence`.
+    A test is passed with `min_confidence`. The second attempt tolerates larger distances of corresponding walls, in the
+    deformed map and in the rigid one.
     """
-    fixed = target.structure
-    proposals = lru_cache(lambda: propose(fixed, source.structure, config.correlation))  # most pairs need none
-    starts, lead = refused.starts, refused.lead
-    if not starts:
-        starts = tuple(first_distinct(proposals().motions, source.structure, config.nonrigid.places))
-        lead = lead_of(proposals(), source.structure)
-    wide = [config.with_wide_distances()] if lead >= config.nonrigid.clear_lead else []
-    for used in (config, *wide):
-        found = _attempt(target, source, replace(refused, starts=starts), proposals, used)
-        if found is not None:
-            yield found
+    fixed, moving, wide = target.structure, source.structure, config.with_wide_distances()
+    proposals = lru_cache(lambda: propose(fixed, moving, config.correlation))  # most pairs need none
+    starts = refused.starts or tuple(first_distinct(proposals().motions, moving, config.nonrigid.places))
+    refused = replace(refused, starts=starts)
+    if (found := _attempt(target, source, refused, proposals, config)) is not None:
+        yield found
+    if refused.T_target_source is not None and refused.evidence is not None:
+        evidence = evidence_near(fixed, moving, refused.T_target_source, wide)
+        refused = replace(refused, evidence=evidence)
+    if (found := _attempt(target, source, refused, proposals, wide)) is not None:
+        yield found
 
 
 def _attempt(

@@ -181,7 +181,7 @@ def test_each_start_is_tried(monkeypatch):
     target, source, _ = bent_maps("store")
     refused = replace(REFUSED, starts=(SE2(1.0, 2.0, 0.3), SE2(5.0, 0.0, 1.0)), lead=1.5)
     assert register(target, source, MergeConfig(), refused) is None
-    assert tried == list(refused.starts)
+    assert tried == 2 * list(refused.starts)  # the second time with larger distances
 
 
 @pytest.mark.parametrize(("accepted", "shift_m"), [(True, 0.0), (False, 0.0), (True, 3.0)])
@@ -199,18 +199,18 @@ def test_the_deformed_map_must_be_aligned_at_the_pose_without_an_initial_guess(m
     assert (found is not None) == (accepted and shift_m == 0.0)
 
 
-def test_a_map_that_tiles_register_roughly_is_aligned_if_one_pose_is_clear():
+def test_a_map_that_tiles_register_roughly_is_aligned_by_larger_distances(monkeypatch):
     target, source, true = bent_maps("apartment", 0.9)
     found = register(target, source, MergeConfig())
     assert found is not None
     apart_m, apart_rad = errors(found.alignment.T_target_source, true, source)
     assert apart_m < 0.9
     assert apart_rad < np.radians(2.0)
-    assert register(target, source, MergeConfig.model_validate({"nonrigid": {"clear_lead": 1e6}})) is None
+    monkeypatch.setattr(MergeConfig, "with_wide_distances", lambda config: config)
+    assert register(target, source, MergeConfig()) is None
 
 
-@pytest.mark.parametrize(("clear_lead", "distances_m"), [(1.0, [0.15, 0.25]), (1e6, [0.15])])
-def test_larger_distances_are_tolerated_only_if_one_pose_is_clear(monkeypatch, clear_lead, distances_m):
+def test_a_second_attempt_tolerates_larger_distances(monkeypatch):
     tried = []
 
     def fitted(target, source, start, config):
@@ -219,10 +219,19 @@ def test_larger_distances_are_tolerated_only_if_one_pose_is_clear(monkeypatch, c
         assert config.verification.min_confidence == MergeConfig().verification.min_confidence
 
     monkeypatch.setattr("merging.nonrigid.hypotheses.fit_tiles", fitted)
-    config = MergeConfig.model_validate({"nonrigid": {"clear_lead": clear_lead}})
     target, source, _ = bent_maps("store")
-    assert register(target, source, config) is None
-    assert list(dict.fromkeys(tried)) == distances_m
+    assert register(target, source, MergeConfig()) is None
+    assert list(dict.fromkeys(tried)) == [0.15, 0.25]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "turn"), [("far ends", 585), ("unrelated", 678)])
+def test_larger_distances_favour_a_deformed_map_unless_the_rigid_one_has_them_too(monkeypatch, kind, turn):
+    pair = make_pair(kind, turn, 20261203)
+    assert not align(pair.target, pair.source).accepted
+    rigid = align_whole(pair.target, pair.source).evidence
+    monkeypatch.setattr("merging.nonrigid.search.evidence_near", lambda *_: rigid)
+    assert align(pair.target, pair.source).accepted
 
 
 def test_maps_without_known_cells_or_walls_are_not_tried():
