@@ -118,7 +118,7 @@ class Alignment:
     alternatives
         Other likely poses, the most likely first.
     evidence
-        The evidence for and against it; None if there is no transform, or the alignment of groups refutes it.
+        The evidence for and against it; None if there is no transform.
     compared
         The grids for the picture in a notebook; None if they were not kept.
     """

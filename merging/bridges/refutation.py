@@ -102,10 +102,7 @@ def _with_refused(
 def _refuted(
     found: Alignment, pair: Pair, bridge: Bridge, confidence: float, why: str, config: MergeConfig
 ) -> Alignment:
-    """Return an alignment whose confidence at the pose of a bridge is limited to a probability, with the reason.
-
-    Its evidence is dropped, since the groups contradict it: a deformed map need not fit better than the maps there.
-    """
+    """Return an alignment whose confidence at the pose of a bridge is limited to a probability, with the reason."""
     poses = {**bridge.sides[0], **bridge.sides[1]}
     if any(len(poses.keys() & side.keys() & set(pair)) != 1 for side in bridge.sides):
         return found
@@ -119,8 +116,7 @@ def _refuted(
     where = found.T_target_source
     if where is not None and is_same_pose(motion, where, config.graph, found.covariance):
         reason = f"{why}: {found.reason}" if found.confidence > confidence else found.reason
-        confidence = min(found.confidence, confidence)
-        found = replace(found, accepted=False, reason=reason, confidence=confidence, evidence=None)
+        found = replace(found, accepted=False, reason=reason, confidence=min(found.confidence, confidence))
     return found if alternatives == found.alternatives else replace(found, alternatives=alternatives)
 
 

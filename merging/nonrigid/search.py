@@ -156,7 +156,7 @@ def _deformed_near(
 def _is_much_more_likely(pose: DeformedPose, rigid: Alignment, fixed: WallMap) -> bool:
     """Return whether a deformed map fits much better than the rigid one, and differs from it by half a cell.
 
-    It is True if there is no evidence of the rigid map to compare with, as for a refuted bridge.
+    It is True if there is no evidence of the rigid map to compare with.
     """
     if pose.deformed is None or rigid.evidence is None or rigid.T_target_source is None:
         return pose.deformed is not None

@@ -101,7 +101,7 @@ def test_two_robots_from_one_real_drive(shared_data, tmp_path):
     assert merged["merged"] is True
 
 
-@pytest.mark.parametrize(("is_joint", "merged"), [(True, 5), (False, 4)])
+@pytest.mark.parametrize(("is_joint", "merged"), [(True, 5), (False, 3)])
 def test_bent_drives_merge_only_if_bridges_are_verified_after_a_joint_optimisation(
     shared_data, tmp_path, monkeypatch, is_joint, merged
 ):
