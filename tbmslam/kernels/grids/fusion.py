@@ -108,7 +108,7 @@ def _add_evidence(rule: int, belief: Belief, kept: Cells, row: int, col: int) ->
         kept[row, col, 4] += 1.0 if belief[1] > belief[2] else 0.0
         kept[row, col, 5] += 1.0 if belief[2] > belief[1] else 0.0
         return
-    odds = _log_odds(belief)
+    odds = np.float32(_log_odds(belief))  # as precise as what is kept, so that equal odds are equal
     surest = kept[row, col, 5]
     kept[row, col, 4] += odds
     # The result must not depend on the order of two equally certain sources.

@@ -84,6 +84,12 @@ def test_any_order_gives_the_same_belief(rule, sources):
     assert forth.min() >= 0.0
 
 
+def test_either_order_of_two_equally_sure_contradictions_gives_the_same_belief():
+    free, occupied = (0.0, 0.9, 0.0, 0.1), (0.0, 0.0, 0.9, 0.1)
+    forth, back = fused("entropy-filter", free, occupied)[0], fused("entropy-filter", occupied, free)[0]
+    np.testing.assert_array_equal(forth, back)
+
+
 @given(sources=beliefs, trust=st.floats(0.0, 1.0))
 def test_a_source_is_discounted_as_the_algebra_says(sources, trust):
     weakened = [sources[0], *(discount(source, trust) for source in sources[1:])]
