@@ -27,8 +27,11 @@ def sparse_zeros(shape: tuple[int, ...], dtype: type[_Scalar], least_bytes: int 
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if size < least_bytes or not hasattr(mmap, "MADV_NOHUGEPAGE"):
         return np.zeros(shape, dtype=dtype)
-    memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE)
-    memory.madvise(mmap.MADV_NOHUGEPAGE)
+    try:
+        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE)
+        memory.madvise(mmap.MADV_NOHUGEPAGE)
+    except OSError:  # a kernel without large pages, or too little memory
+        return np.zeros(shape, dtype=dtype)
     return np.frombuffer(memory, dtype=dtype).reshape(shape)
 
 

@@ -1,3 +1,5 @@
+import errno
+import mmap
 import resource
 import sys
 from pathlib import Path
@@ -62,6 +64,25 @@ def test_only_tiles_with_evidence_are_stored():
     assert array_of(tiled).tobytes() == masses.tobytes()
     assert not tiled.has_evidence(0, 2 * SIDE, 0, 10 * SIDE)
     assert not tiled.part(0, 2 * SIDE, 0, 10 * SIDE).tiles
+
+
+class WithoutLargePages(mmap.mmap):
+    """The memory of a kernel that does not know large pages."""
+
+    def madvise(self, *_):
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+
+def without_memory(*_, **__):
+    raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+
+@pytest.mark.parametrize("memory", [WithoutLargePages, without_memory])
+def test_zeros_are_of_numpy_where_the_system_refuses(monkeypatch, memory):
+    monkeypatch.setattr(mmap, "mmap", memory)
+    zeros = sparse_zeros((1 << 20, 2), np.float32)
+    assert zeros.shape == (1 << 20, 2)
+    assert not zeros.any()
 
 
 def test_there_may_be_no_cell():
