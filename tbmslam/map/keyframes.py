@@ -46,6 +46,8 @@ class Keyframes:
         numbers = (self.stamps, self.poses, self.sensor_poses, self.beams[:, :3], self.beam_steps)
         if not all(np.isfinite(values).all() for values in numbers) or np.isnan(self.beams).any():
             raise ValueError("stamps, poses and beams must be finite")
+        if (self.ranges < 0.0).any():
+            raise ValueError("ranges must not be negative")
 
     @classmethod
     def from_scans(

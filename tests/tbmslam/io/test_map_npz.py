@@ -210,9 +210,10 @@ def moved(name, column, value):
         (set_value("drive_0_closures", np.zeros((0, 2), np.int64)), "one motion for each of the 0 closures, got 1"),
         (moved("drive_0_keyframes_beams", 1, -1e6), "an angle is 1e[+]06 rad"),
         (
-            lambda arrays: arrays["drive_0_keyframes_ranges"].put(3, -3e38),
+            lambda arrays: arrays["drive_0_keyframes_ranges"].put(3, 3e38),
             "a beam is 3e[+]38 m long, more than 10000 m",
         ),
+        (lambda arrays: arrays["drive_0_keyframes_ranges"].put(3, -np.inf), "ranges must not be negative"),
         (set_value("provenance", "{"), "Expecting property name"),
         (set_value("provenance", "[1]"), "provenance is no JSON object"),
         (set_value("provenance", "[" * 200_000), "recursion"),

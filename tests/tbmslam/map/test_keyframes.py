@@ -57,6 +57,12 @@ def test_arrays_of_different_length_are_refused(keyframes, field):
         dataclasses.replace(keyframes, **{field: getattr(keyframes, field)[:-1]})
 
 
+@pytest.mark.parametrize("value", [-math.inf, -0.1])
+def test_negative_ranges_are_refused(keyframes, value):
+    with pytest.raises(ValueError, match="ranges must not be negative"):
+        dataclasses.replace(keyframes, ranges=np.array([1.0, value, np.nan, 4.5], dtype=np.float32))
+
+
 @pytest.mark.parametrize("offsets", [[1, 3, 3, 4], [0, 3, 2, 4], [0, 3, 3, 5]])
 def test_offsets_outside_the_ranges_are_refused(keyframes, offsets):
     with pytest.raises(ValueError, match="offsets must rise from 0 to the 4 ranges"):
