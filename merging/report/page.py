@@ -7,7 +7,7 @@ from merging.config import MergeConfig
 from merging.fusion import conflict_places
 from merging.merger import Merge
 from merging.report.layers import colours_of, merged_sheet, single_sheet
-from merging.report.pair_cards import pair_cards
+from merging.report.pair_cards import hypothesis_used, pair_cards
 from merging.report.provenance import warnings_of
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.maps_page import joined_warnings
@@ -29,10 +29,10 @@ def merge_page(
         title="Merge of " + (", ".join(maps) if len(maps) <= 3 else f"{len(maps)} maps"),
         verdict=_verdict(merge),
         good=merge.merged is not None and not merge.left_out,
-        figures=_figures(merge),
+        figures=_figures(merge, config),
         sheets=_sheets(merge, maps),
-        warnings=_warnings(merge, maps),
-        tables=[_maps_table(merge), *more, *(areas if areas_m2 else [])],
+        warnings=_warnings(merge, maps, config),
+        tables=[_maps_table(merge, config), *more, *(areas if areas_m2 else [])],
         cards=cards,
         cards_title="Pairs",
         cards_note="The pose of each source in its target’s frame. A refused pair joins no maps on its own.",
@@ -44,10 +44,10 @@ def merge_page(
     )
 
 
-def confidences_of(merge: Merge) -> dict[str, float]:
+def confidences_of(merge: Merge, config: MergeConfig) -> dict[str, float]:
     """Return the confidence of the pose of each merged map.
 
-    It is the confidence of the weakest alignment on the best path from the map whose frame the merged map has.
+    It is the confidence of the weakest pose hypothesis on the best path from the map whose frame the merged map has.
     Confirmation by other paths is not counted, so it is a lower bound.
     """
     sure = dict.fromkeys(merge.poses, 0.0)
@@ -55,9 +55,9 @@ def confidences_of(merge: Merge) -> dict[str, float]:
     if first is None:
         return sure
     sure[first] = 1.0
+    used = {pair: hypothesis_used(pair, merge, config).confidence for pair in merge.used}
     for _ in sure:
-        for target, source in merge.used:
-            through = merge.alignments[target, source].confidence
+        for (target, source), through in used.items():
             for here, there in ((target, source), (source, target)):
                 sure[there] = max(sure[there], min(sure[here], through))
     return sure
@@ -69,12 +69,12 @@ def _verdict(merge: Merge) -> str:
     return f"{len(merge.poses)} of {len(merge.poses) + len(merge.left_out)} maps were merged."
 
 
-def _figures(merge: Merge) -> dict[str, str]:
+def _figures(merge: Merge, config: MergeConfig) -> dict[str, str]:
     accepted = sum(found.accepted for found in merge.alignments.values())
     figures = {"pairs accepted": f"{accepted} of {len(merge.alignments)}"}
     if merge.fusion is not None:
         cell_m2 = merge.fusion.grid.geometry.resolution**2
-        figures["least confidence"] = format_confidence(min(confidences_of(merge).values()))
+        figures["least confidence"] = format_confidence(min(confidences_of(merge, config).values()))
         figures["known area"] = f"{merge.fusion.grid.is_known().sum() * cell_m2:.0f} m²"
         figures["contradicted"] = f"{merge.fusion.conflict.sum(dtype=float) * cell_m2:.1f} m²"
     return figures
@@ -89,7 +89,7 @@ def _sheets(merge: Merge, maps: Mapping[str, TbmMap]) -> list[Sheet]:
     return sheets + [single_sheet(name, maps[name], colours[name]) for name in apart[:_MOST_SHEETS]]
 
 
-def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
+def _warnings(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> list[str]:
     warnings = [f"{name} was left out: {reason}" for name, reason in merge.left_out.items()]
     warnings += [
         f"{source} in {target} is ambiguous: the maps fit in {len(found.alternatives) + 1} places"
@@ -102,7 +102,7 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
     ]
     warnings += [
         f"the pose of {name} is not sure: confidence {format_confidence(confidence)}"
-        for name, confidence in confidences_of(merge).items()
+        for name, confidence in confidences_of(merge, config).items()
         if confidence < _DOUBTFUL
     ]
     if merge.merged is not None and merge.joint is None:
@@ -121,8 +121,8 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap]) -> list[str]:
     return warnings + joined_warnings({name: warnings_of(tbm_map.provenance) for name, tbm_map in maps.items()})
 
 
-def _maps_table(merge: Merge) -> Table:
-    sure = confidences_of(merge)
+def _maps_table(merge: Merge, config: MergeConfig) -> Table:
+    sure = confidences_of(merge, config)
     rows = [
         (name, *format_pose(pose), format_confidence(sure[name]), _role(merge, name))
         for name, pose in merge.poses.items()

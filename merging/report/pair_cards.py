@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from merging.alignment import Alignment, Pair, PoseHypothesis, format_confidence, format_covariance, format_pose
 from merging.config import MergeConfig
+from merging.map_graph.links import is_same_pose
 from merging.merger import Merge
 from merging.pair_picture import CAPTION, EVIDENCE_GRIDS, draw_alone, draw_pair
 from merging.pairwise import PreparedMaps
@@ -30,7 +31,7 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
             good=(merge.alignments[pair].accepted or pair in merge.used) and pair not in merge.outvoted,
             reason=f"{merge.alignments[pair].reason[:1].upper()}{merge.alignments[pair].reason[1:]}.",
             figures=_figures(merge.alignments[pair]),
-            copied=_pose_words(merge.alignments[pair]),
+            copied=_pose_words(pair, merge, config),
             pictures=_pictures(pair, merge, views, walls),
         )
         for pair in merge.alignments
@@ -38,6 +39,20 @@ def pair_cards(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) ->
     ]
     others = [pair for pair in merge.alignments if pair not in important]
     return cards, [_table(others, merge)] if others else []
+
+
+def hypothesis_used(pair: Pair, merge: Merge, config: MergeConfig) -> PoseHypothesis:
+    """Return the most confident hypothesis of a used pair that agrees with the poses of its maps.
+
+    It may be an alternative of the alignment.
+    """
+    hypotheses = merge.alignments[pair].hypotheses()
+    motion = merge.poses[pair[0]].inverse() @ merge.poses[pair[1]]
+    agreeing = [
+        each for each in hypotheses if is_same_pose(motion, each.T_target_source, config.graph, each.covariance)
+    ]
+    # Joint optimisation may have moved a map away from all of them.
+    return max(agreeing or hypotheses, key=lambda each: each.confidence)
 
 
 def _verdict(pair: Pair, merge: Merge) -> str:
@@ -69,11 +84,12 @@ def _figures(found: Alignment) -> dict[str, str]:
     return figures
 
 
-def _pose_words(found: Alignment) -> str:
+def _pose_words(pair: Pair, merge: Merge, config: MergeConfig) -> str:
     """Return the pose as the argument X Y DEG of `--pose`; empty if it is unknown."""
-    if found.T_target_source is None:
+    pose = merge.alignments[pair].T_target_source
+    if pose is None:
         return ""
-    x, y, theta = found.T_target_source
+    x, y, theta = hypothesis_used(pair, merge, config).T_target_source if pair in merge.used else pose
     return f"{x:.4f} {y:.4f} {math.degrees(theta):.3f}"
 
 

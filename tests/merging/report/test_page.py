@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from merging import MergeConfig, merge
-from merging.alignment import Alignment
+from merging.alignment import Alignment, PoseHypothesis
 from merging.fusion import warp
 from merging.merger import Merge
 from merging.report.page import confidences_of, merge_page
@@ -88,12 +88,25 @@ def test_nothing_merged_shows_the_maps_apart(maps):
 def test_a_pose_is_as_sure_as_the_weakest_link_of_the_strongest_way():
     sure = {("a", "b"): 0.99, ("b", "c"): 0.8, ("a", "c"): 0.3, ("c", "d"): 0.95}
     alignments = {
-        pair: Alignment("correlation", accepted=True, reason="r", confidence=confidence)
+        pair: Alignment(
+            "correlation", accepted=True, reason="r", T_target_source=SE2.identity(), confidence=confidence
+        )
         for pair, confidence in sure.items()
     }
     result = Merge(None, dict.fromkeys("abcd", SE2.identity()), alignments, {}, None, None, tuple(sure))
-    assert confidences_of(result) == {"a": 1.0, "b": 0.99, "c": 0.8, "d": 0.8}
-    assert confidences_of(replace(result, poses={})) == {}
+    assert confidences_of(result, CONFIG) == {"a": 1.0, "b": 0.99, "c": 0.8, "d": 0.8}
+    assert confidences_of(replace(result, poses={}, used=()), CONFIG) == {}
+
+
+def test_a_pose_is_as_sure_as_the_alternative_that_agrees_with_it():
+    elsewhere, here = SE2(9.0, 0.0, 0.0), PoseHypothesis(SE2(0.3, 0.0, 0.0), 0.2, 5.0)
+    found = Alignment(
+        "correlation", accepted=False, reason="r", T_target_source=elsewhere, confidence=0.7, alternatives=(here,)
+    )
+    result = Merge(None, dict.fromkeys("ab", SE2.identity()), {("a", "b"): found}, {}, None, None, (("a", "b"),))
+    assert confidences_of(result, CONFIG) == {"a": 1.0, "b": 0.2}
+    bent_away = replace(result, poses={"a": SE2.identity(), "b": SE2(4.0, 0.0, 0.0)})
+    assert confidences_of(bent_away, CONFIG) == {"a": 1.0, "b": 0.7}
 
 
 def test_ambiguous_and_outvoted_pairs_and_unsure_poses_are_warned_of(maps):

@@ -54,6 +54,17 @@ def test_alternatives_of_an_ambiguous_pair_are_pictured(maps):
     )
 
 
+def test_the_pose_to_copy_is_the_one_that_the_other_maps_confirm(maps):
+    other = PoseHypothesis(SE2(1.0, 0.0, 0.0), 0.1, 12.0)
+    found = Alignment(
+        "correlation", accepted=False, reason="r", T_target_source=SE2.identity(), confidence=0.4, alternatives=(other,)
+    )
+    pair, poses = ("here", "there"), {"here": SE2(5.0, 5.0, 0.0), "there": SE2(6.1, 5.0, 0.0)}
+    for used, copied in (((pair,), "1.0000 0.0000 0.000"), ((), "0.0000 0.0000 0.000")):
+        (card,), _ = pair_cards.pair_cards(Merge(None, poses, {pair: found}, {}, None, None, used), maps, CONFIG)
+        assert card.copied == copied
+
+
 @pytest.mark.parametrize(
     ("accepted", "used", "outvoted", "verdict", "good"),
     [
