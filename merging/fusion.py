@@ -156,6 +156,10 @@ class Fusion:
     rule: Rule | Literal["redrawn"] = "disjunctive"
     """The rule of the masses, or `redrawn` if all scans were rendered into the grid and no rule was applied."""
 
+    def conflict_m2(self) -> float:
+        """Return the contradicted area, weighted by the mass on CONFLICT [m^2]."""
+        return float(self.conflict.sum(dtype=np.float64) * self.grid.geometry.resolution**2)
+
 
 def fuse(
     layers: Sequence[Layer],

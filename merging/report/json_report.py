@@ -12,13 +12,12 @@ from merging.config import MergeConfig
 from merging.fusion import Fusion, conflict_places, offset_in, warp
 from merging.merger import Merge
 from merging.registration.features import Channels, Image, flipped
-from merging.report.layers import without_rounding
+from merging.report.layers import colours_of, without_rounding
 from merging.report.page import merge_page
 from tbmslam.belief.grid import walls_and_free
 from tbmslam.io.atomic_file import write_bytes
 from tbmslam.io.pictures import encode_png
 from tbmslam.map.tbm_map import TbmMap
-from tbmslam.report.map_layers import ROBOT_COLOURS
 from tbmslam.report.page import RunInfo, downloads
 
 _UNKNOWN_GREY = 205
@@ -89,13 +88,12 @@ def draw_overlay(merge: Merge, maps: Mapping[str, TbmMap], fusion: Fusion) -> Im
     canvas = fusion.grid.geometry
     picture = np.full((canvas.rows, canvas.cols, 3), _UNKNOWN_GREY, dtype=np.uint8)
     picture[fusion.seen_by > 0] = 255
-    for index, name in enumerate(merge.poses):
+    for name, colour in colours_of(list(merge.poses)).items():
         layer = warp(*merge.laid(name, maps), canvas)
         row, col = offset_in(canvas, layer.geometry)
         window = picture[row : row + layer.geometry.rows, col : col + layer.geometry.cols]
         walls, _ = walls_and_free(layer)
-        colour = np.array(ROBOT_COLOURS[index % len(ROBOT_COLOURS)], dtype=np.uint16)
-        window[walls] = window[walls].astype(np.uint16) * colour // 255
+        window[walls] = window[walls].astype(np.uint16) * np.array(colour, dtype=np.uint16) // 255
     return np.asarray(flipped(picture), dtype=np.uint8)
 
 
@@ -128,7 +126,7 @@ def _areas(fusion: Fusion) -> dict[str, float]:
         "known_m2": fusion.grid.known_m2(),
         "seen_m2": float((fusion.seen_by > 0).sum() * cell_m2),
         "seen_by_several_m2": float((fusion.seen_by > 1).sum() * cell_m2),
-        "conflict_m2": float(fusion.conflict.sum(dtype=np.float64) * cell_m2),
+        "conflict_m2": fusion.conflict_m2(),
     }
 
 

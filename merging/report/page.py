@@ -73,10 +73,9 @@ def _figures(merge: Merge, config: MergeConfig) -> dict[str, str]:
     accepted = sum(found.accepted for found in merge.alignments.values())
     figures = {"pairs accepted": f"{accepted} of {len(merge.alignments)}"}
     if merge.fusion is not None:
-        cell_m2 = merge.fusion.grid.geometry.resolution**2
         figures["least confidence"] = format_confidence(min(confidences_of(merge, config).values()))
-        figures["known area"] = f"{merge.fusion.grid.is_known().sum() * cell_m2:.0f} m²"
-        figures["contradicted"] = f"{merge.fusion.conflict.sum(dtype=float) * cell_m2:.1f} m²"
+        figures["known area"] = f"{merge.fusion.grid.known_m2():.0f} m²"
+        figures["contradicted"] = f"{merge.fusion.conflict_m2():.1f} m²"
     return figures
 
 
