@@ -69,7 +69,7 @@ class Cluster:
 
         The arguments are plain values, or futures of earlier calls.
         """
-        packages = ("tbmslam", call.__module__.partition(".")[0])
+        packages = packages_of(call)
         return self._client.submit(
             _call_checked, packages, code_digest(*packages), call, *arguments, key=f"{name}-{self._run}"
         )
@@ -109,6 +109,12 @@ def _hear_scheduler(host: str, port: int) -> None:
         answer = connection.recv(8, socket.MSG_WAITALL)
     if len(answer) < 8 or int.from_bytes(answer, "little") > _LARGEST_GREETING:
         raise ConnectionError("something else answers")
+
+
+def packages_of(call: Callable[..., object]) -> tuple[str, ...]:
+    """Return the packages of the project that a call may run: `datasets`, too, which a wheel has within tbmslam."""
+    options: type = importlib.import_module("tbmslam").RecordingOptions
+    return "tbmslam", options.__module__.rpartition(".")[0], call.__module__.partition(".")[0]
 
 
 def _call_checked(packages: tuple[str, ...], digest: str, call: Callable[..., object], *arguments: object) -> object:

@@ -6,8 +6,10 @@ from contextlib import suppress
 
 import pytest
 
+from datasets import __name__ as datasets
+from merging.merger import merge
 from tbmslam.parallel import cluster
-from tbmslam.parallel.cluster import Cluster, ClusterError, code_digest
+from tbmslam.parallel.cluster import Cluster, ClusterError, code_digest, packages_of
 
 
 def test_an_address_without_an_answer_is_an_error():
@@ -73,6 +75,10 @@ def test_a_worker_with_other_code_is_refused():
 def test_an_invalid_address_is_refused_at_once(address):
     with pytest.raises(ClusterError, match=r"is no address of a Dask scheduler: it must look like tcp://10"):
         Cluster(address)
+
+
+def test_the_readers_of_recordings_are_checked_too():
+    assert packages_of(merge) == ("tbmslam", datasets, "merging")
 
 
 def test_another_source_is_another_digest(tmp_path, monkeypatch):
