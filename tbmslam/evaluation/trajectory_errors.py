@@ -170,7 +170,7 @@ _SHARE = 0.5
 """Largest ratio of the remaining RMS error if a constant explains three quarters of the squared error."""
 _FARTHEST_S = 5.0  # largest offset of the clocks; beyond it hardly any stamps match [s]
 _STEP_S = 0.05
-_LEAST_S = 0.02  # least offset that is reported; delays of recorders are some hundredths of a second [s]
+_FEWEST = 20  # poses; a constant fits fewer by chance
 
 
 def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float) -> str | None:
@@ -179,7 +179,7 @@ def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_differen
     Poses match if their stamps differ by at most `max_stamp_difference` [s].
     """
     i, j = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
-    if len(i) < 3:
+    if len(i) < _FEWEST:
         return None
     target, poses, stamps = truth.poses[i, :2], estimate.poses[j], estimate.stamps[j]
     before = _left(target, poses[:, :2])
@@ -194,8 +194,9 @@ def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_differen
             f"a point {lever[0]:+.3f} m ahead and {lever[1]:+.3f} m to the left of the robot fits the truth to "
             f"{after_lever:.3f} m instead of {before:.3f} m: the truth may be of the laser: pass --frame laser"
         )
+    direction = "later" if offset > 0.0 else "earlier"
     return (
-        f"stamps {offset:+.2f} s later fit the truth to {after_offset:.3f} m instead of {before:.3f} m: the "
+        f"stamps {abs(offset):.2f} s {direction} fit the truth to {after_offset:.3f} m instead of {before:.3f} m: the "
         f"clocks may differ: correct the stamps of one"
     )
 
@@ -226,11 +227,17 @@ def _lever_arm(target: FloatArray, poses: FloatArray) -> tuple[FloatArray, float
 
 
 def _clock_offset(truth: Trajectory, poses: FloatArray, stamps: FloatArray) -> tuple[float, float]:
-    """Return the offset of the estimate's stamps that fits best [s], and the remaining error [m]."""
+    """Return the offset of the estimate's stamps that fits best [s], and the remaining error [m].
+
+    The error is infinite if no other offset fits better than 0, or if the truth's stamps step back.
+    """
     best, least = 0.0, np.inf
-    for offset in np.arange(-_FARTHEST_S, _FARTHEST_S + _STEP_S, _STEP_S):
+    if np.any(np.diff(truth.stamps) < 0.0):
+        return best, least
+    steps = round(_FARTHEST_S / _STEP_S)
+    for offset in _STEP_S * np.arange(-steps, steps + 1):
         inside = (stamps + offset >= truth.stamps[0]) & (stamps + offset <= truth.stamps[-1])
-        if abs(offset) < _LEAST_S or inside.sum() < 0.5 * len(stamps):
+        if inside.sum() < 0.5 * len(stamps):
             continue
         target = np.column_stack(
             [np.interp(stamps[inside] + offset, truth.stamps, truth.poses[:, k]) for k in range(2)]
@@ -238,4 +245,4 @@ def _clock_offset(truth: Trajectory, poses: FloatArray, stamps: FloatArray) -> t
         left = _left(target, poses[inside, :2])
         if left < least:
             best, least = float(offset), left
-    return best, least
+    return best, np.inf if best == 0.0 else least

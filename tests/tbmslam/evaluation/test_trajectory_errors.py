@@ -231,7 +231,26 @@ def test_a_truth_of_the_laser_is_named(estimate):
 def test_a_clock_that_differs_is_named(estimate, seconds):
     said = systematic_error(true(estimate, seconds=seconds), estimate, 0.026)
     assert said is not None
-    assert said.startswith(f"stamps {seconds:+.2f} s later fit the truth to 0.0")
+    assert said.startswith(
+        f"stamps {abs(seconds):.2f} s {'later' if seconds > 0.0 else 'earlier'} fit the truth to 0.0"
+    )
+
+
+def test_a_truth_whose_stamps_step_back_tells_nothing_of_the_clocks(estimate):
+    late = true(estimate, seconds=0.6)
+    order = np.arange(1200)
+    order[600:602] = 601, 600
+    said = systematic_error(Trajectory(late.stamps[order], late.poses[order]), estimate, 0.026)
+    assert said is not None
+    assert "clocks" not in said
+
+
+def test_matches_at_other_times_are_no_offset_of_the_clocks(estimate):
+    """The truth is alternately before and after the estimate: interpolation fits it, and no offset does."""
+    poses, truth = np.arange(100, 1100, 20), true(estimate)
+    others = poses + np.where(np.arange(len(poses)) % 2, 3, -3)
+    matched = Trajectory(truth.stamps[others], truth.poses[others])
+    assert systematic_error(matched, Trajectory(estimate.stamps[poses], estimate.poses[poses]), 0.16) is None
 
 
 def test_a_good_estimate_needs_no_explanation(estimate):
@@ -243,6 +262,7 @@ def test_nothing_constant_explains_an_estimate_that_drifts(estimate, generator):
     assert systematic_error(true(estimate), Trajectory(estimate.stamps, wrong), 0.01) is None
 
 
-def test_two_poses_explain_nothing(estimate):
-    few = Trajectory(estimate.stamps[:2], estimate.poses[:2])
+@pytest.mark.parametrize("count", [2, 3, 19])
+def test_few_poses_explain_nothing(estimate, count):
+    few = Trajectory(estimate.stamps[: 40 * count : 40], estimate.poses[: 40 * count : 40])
     assert systematic_error(true(estimate, (0.3, 0.0, 0.0)), few, 0.01) is None
