@@ -35,12 +35,14 @@ _DIRECTIONS = 720  # bins of the directions of walls in a full circle
 class _Layout:
     """Walls and free space of a map as weighted points about a centre.
 
-    `walls` (N,) have weights `metres` (N,), smaller for movable objects, and face along `facing` (N,), which is 0 for
-    two-sided walls. `free` (M,) are cells of the correlation with shares `filled` (M,) of free space.
+    `walls` (N,) have weights `metres` (N,), smaller for movable objects, and `normals` (N,). `facing` (N,) are the same
+    normals, but 0 for two-sided walls. `free` (M,) are cells of the correlation with shares `filled` (M,) of free
+    space.
     """
 
     centre: complex
     walls: _Complex
+    normals: _Complex
     facing: _Complex
     metres: FloatArray
     free: _Complex
@@ -50,7 +52,8 @@ class _Layout:
     def of(cls, structure: WallMap, cell_m: float, clearance_m: float) -> "_Layout":
         walls = _complex(structure.points)
         centre = complex(*(structure.points.min(axis=0) + structure.points.max(axis=0)) / 2.0)
-        facing: _Complex = np.asarray(np.where(structure.two_sided, 0.0, _complex(structure.normals)))
+        normals = _complex(structure.normals)
+        facing: _Complex = np.asarray(np.where(structure.two_sided, 0.0, normals))
         geometry = structure.geometry
         # Free space near walls does not count, so that a small displacement of a wall is no contradiction.
         factor = max(1, round(cell_m / geometry.resolution))
@@ -61,7 +64,7 @@ class _Layout:
         x, y = geometry.origin_x + (cols + 0.5) * side, geometry.origin_y + (rows + 0.5) * side
         filled = np.asarray(counts * (geometry.resolution / cell_m) ** 2, dtype=np.float64)
         metres = structure.weights * geometry.resolution
-        return cls(centre, walls - centre, facing, metres, x + 1j * y - centre, filled)
+        return cls(centre, walls - centre, normals, facing, metres, x + 1j * y - centre, filled)
 
     @cached_property
     def facing_metres(self) -> _Complex:
@@ -190,10 +193,14 @@ def _likely_turns(fixed: _Layout, moving: _Layout, steps: int, config: Correlati
 
 
 def _directions(layout: _Layout) -> FloatArray:
-    """Return the length of walls that face along each of `_DIRECTIONS` directions, smoothed over 2 degrees."""
-    facing = layout.facing != 0
-    bins = np.floor(np.angle(layout.facing[facing]) * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
-    metres = np.bincount(bins, layout.metres[facing], _DIRECTIONS)
+    """Return the length of walls that face along each of `_DIRECTIONS` directions, smoothed over 2 degrees.
+
+    A two-sided wall counts half along each of its normals.
+    """
+    bins = np.floor(np.angle(layout.normals) * (_DIRECTIONS / (2.0 * math.pi))).astype(np.int64) % _DIRECTIONS
+    metres = np.bincount(bins, layout.metres, _DIRECTIONS)
+    half = 0.5 * np.bincount(bins, layout.metres * (layout.facing == 0), _DIRECTIONS)
+    metres += np.roll(half, _DIRECTIONS // 2) - half
     near = np.minimum(np.arange(_DIRECTIONS), _DIRECTIONS - np.arange(_DIRECTIONS))
     kernel = np.exp(-0.5 * (near * (360.0 / _DIRECTIONS) / 2.0) ** 2)
     return np.fft.irfft(np.fft.rfft(metres) * np.fft.rfft(kernel), _DIRECTIONS)

@@ -1,5 +1,6 @@
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -57,6 +58,29 @@ def test_a_turn_is_found_that_the_ways_of_most_walls_speak_against(rooms):
     assert all(
         abs(math.degrees(one.theta)) > 3.0 for one in propose(structure(target), structure(source), blind).motions
     )
+
+
+def floor_plan(motion):
+    """Walls of one cell in free space."""
+    geometry, drawn = GridGeometry(0.05, -10.0, -10.0, 400, 400), np.zeros((400, 400), dtype=np.uint8)
+    for ends in (
+        *([(-5, -4), (5, -4)], [(5, -4), (5, 4)], [(5, 4), (-5, 4)], [(-5, 4), (-5, -4)]),
+        *([(-5, 0), (1, 0)], [(-2, 0), (-2, 4)], [(2, 1), (5, 1)], [(3, -4), (3, -2)]),
+    ):
+        first, last = np.rint((motion.apply(np.array(ends, dtype=float)) + 10.0) / 0.05).astype(int).tolist()
+        cv2.line(drawn, first, last, 1)
+    walls = drawn[..., None] == 1
+    return structure(TbmGrid(geometry, np.where(walls, (0.0, 0.0, 1.0, 0.0), (0.0, 1.0, 0.0, 0.0)).astype(np.float32)))
+
+
+@pytest.mark.parametrize("degrees", [-60.0, 200.0])
+def test_a_turn_is_found_by_walls_with_two_sides(degrees):
+    motion, few_turns = SE2(0.5, -0.3, math.radians(degrees)), CONFIG.model_copy(update={"turns_share": 0.2})
+    target, source = floor_plan(motion), floor_plan(SE2.identity())
+    assert target.two_sided.mean() > 0.97
+    difference = motion.to(propose(target, source, few_turns).motions[0])
+    assert math.hypot(difference.x, difference.y) < 0.2
+    assert abs(math.degrees(difference.theta)) < 1.5
 
 
 def test_no_two_proposals_are_alike(rooms):
