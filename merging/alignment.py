@@ -21,16 +21,13 @@ import numpy as np
 
 from merging.config.registration import ExactnessConfig
 from merging.pair_picture import CAPTION, ComparedGrids
-from merging.verification import Evidence
+from merging.verification import MANY_WALLS, Evidence
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
 from tbmslam.kernels.grids.walls import AGREES, Limits, classify_walls
 
 Covariance = tuple[tuple[float, ...], ...]
 """Covariance of an error in x, y [m] and theta [rad] in the source's frame, three rows of three."""
-
-_MANY_WALLS = 4000
-"""Most wall cells of a map that are compared for a covariance."""
 
 Pair = tuple[str, str]
 """The names of a target and a source map."""
@@ -288,7 +285,7 @@ def _agreeing(
     moving: WallMap, fixed: WallMap, T_fixed_moving: SE2, T_source_moving: SE2, limits: Limits
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return half the lengths (N,) of one map's agreeing walls (the other map counts the rest), points and normals."""
-    some = moving.some(_MANY_WALLS)
+    some = moving.some(MANY_WALLS)
     agree = some[classify_walls(moving.walls, some, fixed.walls, T_fixed_moving, limits) == AGREES]
     cell_m = moving.geometry.resolution * len(moving.points) / max(len(some), 1)
     turn = SE2(0.0, 0.0, T_source_moving.theta)

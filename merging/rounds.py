@@ -31,7 +31,7 @@ from merging.config import MergeConfig
 from merging.merge_state import MergeState
 from merging.merged_group import grid_within
 from merging.pairwise import CompressedGrid, align_all
-from merging.walls import WallMap
+from merging.walls import MOVABLE, WallMap
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.kernels.search.place_matches import common_weight
 from tbmslam.kernels.search.place_signatures import FACINGS, all_products, pair_signature, spread_points
@@ -48,8 +48,6 @@ _WALL_CELL_M, _MOST_WALLS, _FEWEST_WALLS = 0.2, 300, 15
 """Wall points are thinned to cells of this size; with fewer points than the least a place has no signature."""
 _WIDTH_M, _BINS = 0.3, 40
 _TOLERANCE_M, _NEAREST_M = 1.0, 3.0
-_MOVABLE = 0.5
-"""Wall points with less weight are movable objects."""
 _SCALE = 3000.0
 """Signatures are whole numbers of this length: float32 adds up whole numbers below 2**24 exactly, in any order, so that
 every machine and number of threads finds the same matches."""
@@ -82,7 +80,7 @@ class MapPlaces:
     @classmethod
     def of(cls, walls: WallMap) -> "MapPlaces":
         """Return the places along the walls of a map."""
-        steady = walls.weights >= _MOVABLE
+        steady = walls.weights >= MOVABLE
         points, normals = (np.ascontiguousarray(part[steady]) for part in (walls.points, walls.normals))
         chosen = spread_points(points, _WALL_CELL_M, max(len(points), 1))
         points, normals = points[chosen], normals[chosen]

@@ -45,8 +45,8 @@ _BLOCK_M = 1.0
 """Side of a block of the floor."""
 _ENOUGH_M = 0.3
 """Length of wall from which a block counts fully."""
-_MANY_WALLS = 4000
-"""Most wall cells of a map that are compared for its blocks."""
+MANY_WALLS = 4000
+"""Most wall cells of a map that are compared for its blocks, or for a covariance."""
 _DOOR_M = 0.8
 """Length of a door leaf; a shorter stretch of wall may be a door or a movable object."""
 _CORNERS = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
@@ -213,7 +213,7 @@ def count_pieces(target: WallMap, source: WallMap, T_target_source: SE2, limits:
 
 
 def _counts(moving: WallMap, fixed: WallMap, motion: SE2, limits: Limits) -> FloatArray:
-    some = moving.some(_MANY_WALLS)
+    some = moving.some(MANY_WALLS)
     held = classify_walls(moving.walls, some, fixed.walls, motion, limits)
     there = (held != OUTSIDE) & (held != NOT_SEEN)
     if not there.any():

@@ -127,7 +127,7 @@ def _sizes(pieces: Components, enough: float) -> FloatArray:
     return sizes
 
 
-_MOVABLE = 0.5
+MOVABLE = 0.5
 """Wall points with less weight than this are movable objects."""
 _MANY_CELLS = 4000
 """Number of known cells by which an overlap is measured."""
@@ -227,7 +227,7 @@ class WallMap:
     @cached_property
     def things(self) -> tuple[Walls, npt.NDArray[np.int64]]:
         """The surface cells with weight 1 each, and the indices (K,) of those on movable objects."""
-        return self.walls._replace(weights=np.ones_like(self.weights)), np.flatnonzero(self.weights < _MOVABLE)
+        return self.walls._replace(weights=np.ones_like(self.weights)), np.flatnonzero(self.weights < MOVABLE)
 
     @cached_property
     def some_known(self) -> tuple[FloatArray, float]:

@@ -5,11 +5,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.kernels import FloatArray, kernel, part
+from tbmslam.kernels import FloatArray, Pose, kernel, part
 from tbmslam.kernels.arrays import cleared
-
-Motion = tuple[float, float, float]
-"""x, y [m] and theta [rad]."""
 
 
 @kernel
@@ -23,7 +20,7 @@ def any_negative(ranges: FloatArray) -> bool:
 
 @kernel
 def hit_points(
-    ranges: FloatArray, angle_min: float, angle_increment: float, beam_step: Motion, max_range: float
+    ranges: FloatArray, angle_min: float, angle_increment: float, beam_step: Pose, max_range: float
 ) -> FloatArray:
     """Return the end points (M, 2) [m] of the finite ranges (N,) up to `max_range`, in the order of the beams.
 
@@ -38,7 +35,7 @@ def _write_points(
     ranges: FloatArray,
     angle_min: float,
     angle_increment: float,
-    beam_step: Motion,
+    beam_step: Pose,
     max_range: float,
     points: FloatArray,
 ) -> int:
@@ -90,7 +87,7 @@ def hits_of_scan(
     ranges: FloatArray,
     angle_min: float,
     angle_increment: float,
-    beam_step: Motion,
+    beam_step: Pose,
     max_range: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Return `hit_points` and their normals, see `write_normals`."""
@@ -104,7 +101,7 @@ def write_hits(
     ranges: FloatArray,
     angle_min: float,
     angle_increment: float,
-    beam_step: Motion,
+    beam_step: Pose,
     max_range: float,
     points: FloatArray,
     normals: FloatArray,
