@@ -185,9 +185,10 @@ def fuse(
         cells that every source saw.
     reliabilities
         Reliability of each source, by which it is discounted first (Shafer 1976). With 0 a source is vacuous where it
-        saw cells. For most rules this is as if it was left out. But `dempster` and `yager` also remove the conflict of
-        a single source, `log-odds` and `entropy-filter` give other masses of the same probability, `disjunctive` makes
-        its cells unknown, `average` counts it, and `dubois-prade` turns conflict within sources into ignorance.
+        saw cells. With `conjunctive` the masses are as if it was left out; with `unanimous` too, unless the only other
+        source of a cell is undecided. But `dempster` and `yager` also remove the conflict of a single source,
+        `log-odds` and `entropy-filter` give other masses of the same probability, `disjunctive` makes its cells
+        unknown, `average` counts it, and `dubois-prade` turns conflict within sources into ignorance.
 
     Raises
     ------

@@ -36,7 +36,7 @@ logger = logging.getLogger(__name__)
 
 
 class Track:
-    """A drive in the merged frame; `sensors` (K, 3) are the poses of the laser, and `submaps` targets of bundles."""
+    """A drive in the merged frame; `sensors` (K, 3) are the poses of the laser, `submaps` the targets of bundles."""
 
     def __init__(self, map_name: str, drive: Drive, T_merged_map: SE2, config: SubmapConfig) -> None:
         self.map_name, self.drive = map_name, drive
@@ -141,7 +141,7 @@ def _closure(
     is_sure = fit.matched >= config.sure_matched
     if fit.matched < config.min_matched or fit.violated > config.max_violated * fit.matched:
         return None
-    if not is_sure and here - index == offset:  # certain loops within a drive are closed already
+    if not is_sure and here - index == offset:  # a doubtful loop within a drive: its own SLAM refused it
         return None
     if math.hypot(fit.pose.x - guess.x, fit.pose.y - guess.y) > config.last_shift_m:
         return None
@@ -201,8 +201,8 @@ def refine_jointly(
 ) -> JointRefinement | None:
     """Optimise the drives of aligned maps jointly, with the first keyframe of the first map fixed.
 
-    `poses` are T_merged_map of the merged maps. Returns None if a map has no keyframes, or if too few loop closures
-    between the robots were found.
+    `poses` are T_merged_map of the merged maps. Returns None if a map has no drive or a drive has fewer than two
+    keyframes, or if too few loop closures between the robots were found.
     """
     drives = [(name, drive) for name in poses for drive in maps[name].drives]
     if {name for name, _ in drives} != set(poses) or any(len(drive.keyframes) < 2 for _, drive in drives):

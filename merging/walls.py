@@ -159,7 +159,7 @@ class WallMap:
     nearest: npt.NDArray[np.int32]
     """The index in `points` of that surface cell (rows, cols)."""
     weights: FloatArray
-    """Weight of each surface cell (N,), small for movable objects; see `merging.walls`."""
+    """Weight of each surface cell (N,), small for movable objects; see `steadiness`."""
 
     @classmethod
     def from_grid(cls, grid: TbmGrid, config: StructureConfig) -> "WallMap":

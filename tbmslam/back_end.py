@@ -58,7 +58,7 @@ class BackEnd:
     def closed(
         self, tracked: Sequence[TrackedKeyframe], keyframes: Keyframes, progress: Progress
     ) -> OptimisedDrive | None:
-        """Return the drive after closing loops; None if this is disabled or there are fewer than two keyframes."""
+        """Return the drive after closing loops; None if it closes no loops or there are fewer than two keyframes."""
         if self._closer is None or len(keyframes) < 2:
             return None
         measured = motions(tracked)

@@ -1,4 +1,4 @@
-"""A grid as images: one for the decision value and one for each kind of evidence.
+"""Keypoints of grids and their matches; a grid is drawn as images of its decision value and its masses.
 
 An image's first row is the map's largest y; the flip between the two happens here.
 """

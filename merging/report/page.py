@@ -107,7 +107,7 @@ def _warnings(merge: Merge, maps: Mapping[str, TbmMap], config: MergeConfig) -> 
     if merge.merged is not None and merge.joint is None:
         warnings.append(
             f"{' and '.join(merge.deformed)} {'was' if len(merge.deformed) == 1 else 'were'} deformed to fit the "
-            "other maps; the distorted map may be another one"
+            "other maps; another map may be the distorted one"
             if merge.deformed
             else "the maps were merged rigidly, without joint optimisation: walls of a distorted map are doubled"
         )

@@ -98,7 +98,7 @@ def corners_of(source: GridGeometry, T_target_source: SE2) -> FloatArray:
 
 
 def canvas_of(source: GridGeometry, T_target_source: SE2) -> GridGeometry:
-    """Return the cells of another frame that cover a grid, of the same size."""
+    """Return the cells of equal size in another frame that cover a grid."""
     corners = corners_of(source, T_target_source)
     low = corners.min(axis=0)
     # Rounding must not add a row of cells outside of the grid.

@@ -21,8 +21,8 @@ def sparse_zeros(shape: tuple[int, ...], dtype: type[_Scalar], least_bytes: int 
     """Return zeros of a shape; a page of 4 kB takes memory when something is written to it.
 
     `numpy.zeros` of a large array takes pages of 2 MB, so one cell that is written takes the memory of 36 rows of a map
-    of 7000 columns. Large pages are faster to access; so arrays below `least_bytes` are those of `numpy.zeros`. It asks
-    for large pages from the default on.
+    of 7000 columns. Large pages are faster to access, so smaller arrays than `least_bytes` come from `numpy.zeros`,
+    which takes large pages from 4 MB on.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if size < least_bytes or not hasattr(mmap, "MADV_NOHUGEPAGE"):
@@ -50,8 +50,8 @@ Place = tuple[int, int]
 class TiledMasses:
     """Masses (rows, cols, 4) in tiles; a tile that is not stored is vacuous, to the last bit.
 
-    `tiles` are the stored tiles (SIDE, SIDE, 4) by their place. Parts share them, so they are never changed; only
-    `put_rows` adds tiles. `first` is the row and column of cell (0, 0), counted from the first cell of tile (0, 0).
+    `tiles` are the stored tiles (SIDE, SIDE, 4) by their place. Parts share them, so they are never changed; only the
+    methods `put_...` add tiles. `first` is the row and column of cell (0, 0), counted from the corner of tile (0, 0).
     """
 
     def __init__(

@@ -43,7 +43,8 @@ class MapAgreement:
 def cell_labels(grid: TbmGrid, min_evidence: float = 0.0) -> Labels:
     """Return the label of each cell (rows, cols) of a map by the larger mass: occupied or free.
 
-    Cells are UNKNOWN if neither mass, normalised without conflict, exceeds `min_evidence`.
+    Cells are UNKNOWN if the sum of both masses, normalised without conflict, does not exceed `min_evidence`, or if they
+    are equal.
     """
     labels = np.full(grid.cells.shape[:2], UNKNOWN, dtype=np.uint8)
     for rows, cols, masses in grid.pieces():
@@ -97,7 +98,7 @@ def _mean_distance(cells: npt.NDArray[np.bool_], targets: npt.NDArray[np.bool_])
 
 
 REACHES = (1.0, 0.3, 0.1)
-"""Largest distance of corresponding walls [m], from wide to narrow."""
+"""Three times the scale of the loss [m], from wide to narrow; the first also limits the distances."""
 
 MAX_POINTS = 20_000
 """Occupied cells that are used, evenly chosen."""

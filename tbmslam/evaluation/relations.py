@@ -25,7 +25,10 @@ _Cost = tuple[int, float]
 def matching_stamps(
     first: FloatArray, second: FloatArray, tolerance: float
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return indices into stamps (N,), (M,), in any order, that lie nearest to each other and within the tolerance."""
+    """Return indices into stamps (N,), (M,), in any order: those of the first nearest to each of the second.
+
+    Stamps of the second without one of the first within the tolerance are left out.
+    """
     if not len(first) or not len(second):
         return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     order = np.argsort(first, kind="stable")

@@ -1,4 +1,7 @@
-"""Runs many calls and reports their progress: in this process, in several, or on a Dask cluster, with equal results."""
+"""Runs many calls and reports their progress: in this process, in several, or on a Dask cluster.
+
+On processors of one kind the results are equal.
+"""
 
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
@@ -96,9 +99,9 @@ class Executor:
     ) -> list[Any]:
         """Return the results of calls, in their order; the first failure ends all.
 
-        The progress shows the step with the unit of its items, if given. A local process keeps `most_inputs` inputs
-        beside those of its present call, and computes dropped ones again; None keeps all. Raises the `TbmSlamError` of
-        a call, a `ClusterError` if the cluster fails, or a `WorkerDiedError` if a local process died.
+        The progress shows the step with the unit of its items, if given. A local process keeps the `most_inputs` most
+        recent inputs, those of its present call included, and computes dropped ones again; None keeps all. Raises the
+        `TbmSlamError` of a call, a `ClusterError` if the cluster fails, or a `WorkerDiedError` if a local process died.
         """
         made = []
         with closing(self.outcomes(calls, step, unit, most_inputs)) as outcomes:
@@ -141,7 +144,7 @@ class Executor:
 class _MadeInputs:
     """Inputs of calls, each computed at its first use by the call of its name.
 
-    Beside the inputs of the present call, the `most` recent ones are kept; None keeps all.
+    The `most` recent ones are kept, those of the present call included; None keeps all.
     """
 
     def __init__(self, inputs: Mapping[str, Call], most: int | None = None) -> None:

@@ -112,7 +112,7 @@ class WorkerPool(ProcessPoolExecutor):
 def worker_pool(workers: int, initializer: Callable[[], object] | None = None) -> Iterator[WorkerPool]:
     """Keep processes for a block; if it fails or is interrupted, they are stopped and their work is cancelled.
 
-    What a signal raises is raised when they are, by the block's end at the latest.
+    The exception of a signal is raised once they are stopped, at the block's end at the latest.
     """
     others = multiprocessing.active_children()
 

@@ -27,8 +27,8 @@ OCCUPIED (Trehard et al., "Credibilist simultaneous localization and mapping wit
 def beam_weights(scan: LaserScan, weighting: BeamWeighting) -> FloatArray:
     """Return the weight (M,) of every hit beam, adding up to one.
 
-    ``even`` treats all alike. ``viny`` is vinySLAM's: beams along and across the sensor's axis, which meet the walls of
-    a corridor end-on, count up to three times, and all by the square root of their range.
+    ``even`` treats all alike. ``viny`` is vinySLAM's: of the angle to the sensor's axis, 3 for |cos| > 0.9, 2 for
+    |cos| > 0.8, and |sin| + |cos| otherwise, times the square root of the range.
     """
     hit = scan.is_hit()
     if not hit.any():
@@ -110,7 +110,7 @@ class MonteCarloConfig(FrozenConfig):
 class MonteCarloMatcher:
     """Draws candidates around the best pose; an improvement after many draws halves the deviation.
 
-    By default the random generator has a fixed seed.
+    `from_seed` makes a generator with a given seed.
     """
 
     def __init__(self, config: MonteCarloConfig, draw_normals: DrawNormals) -> None:
@@ -162,7 +162,7 @@ class GridTrackerConfig(FrozenConfig):
 
 
 class GridTracker:
-    """Matches scans in the growing grid itself, section by section vinySLAM's single hypothesis."""
+    """Matches scans in the growing grid, with a single hypothesis, as vinySLAM does."""
 
     def __init__(self, config: GridTrackerConfig, grid: EvidenceGrid, inserter: ScanInserter, seed: int) -> None:
         self._config = config

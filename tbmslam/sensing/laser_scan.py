@@ -22,7 +22,7 @@ class Hits(NamedTuple):
     """Unit normals (M, 2) of the surfaces, towards the laser."""
 
     def thinned(self, count: int) -> "Hits":
-        """Return every n-th hit, with n = size // count, so that at least `count` of as many remain."""
+        """Return every n-th hit, n = max(size // count, 1), so that `count` or more remain if there are as many."""
         step = max(len(self.points) // count, 1)
         # Contiguous, since kernels are compiled again for other layouts.
         return Hits(np.ascontiguousarray(self.points[::step]), np.ascontiguousarray(self.normals[::step]))

@@ -19,8 +19,8 @@ def fit_lines(seen: Sightings, poses: FloatArray, enough: float, limits: FloatAr
     """Return the line (L, 5) of each piece: middle, direction and half length [m]; zeros if the piece is not a line.
 
     `poses` (N, 3) are those of the stretches. Beyond `enough` hits of a sighting, further hits add little weight.
-    `limits` are the least number of hits, the largest standard deviation across the line, and the least one along it
-    [m].
+    `limits` are the least sum of weighted hits, the largest standard deviation across the line, and the least one along
+    it [m]. A line also needs two sightings, and a variance along it of ten times that across.
     """
     # For each piece: number of sightings, position of the first observer, and weighted moments relative to it.
     sums = cleared(np.empty((seen.pieces_met, 9)))

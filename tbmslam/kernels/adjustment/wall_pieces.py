@@ -331,7 +331,7 @@ def _sector_of(angle: float, sectors: int) -> int:
 def _place_of(cells: IntArray, key: int) -> np.uint64:
     """Return the place of a key in a hash table, or the free one where it belongs."""
     mask = len(cells) - 1
-    # Multiplies both halves by primes (M. Teschner et al., 2003) that are small enough to avoid overflow.
+    # Multiplies both halves by constants (M. Teschner et al., 2003) that are small enough to avoid overflow.
     mixed = ((key >> 32) * 73856093) ^ ((key & 0xFFFFFFFF) * 19349663)
     place = np.uint64((mixed ^ (mixed >> 29)) & mask)
     while cells[place, 0] != _NOBODY and cells[place, 0] != key:

@@ -121,10 +121,10 @@ def compare_walls(
 ) -> FloatArray:
     """Return weighted sums (M, 8) over some walls (K,) of the moving map, one row for every motion (M, 3).
 
-    COMPARED: walls in known cells of the fixed map, or near its walls. AGREED: walls near a wall with a similar normal.
-    CONFLICTING: walls in free space, far from all walls. UNSEEN: walls in unknown cells although the space in front of
-    them is free, so the other robot would have seen them. XX, XY, YY: scatter of the normals of agreeing walls.
-    SQUARES: their squared distances.
+    COMPARED: walls in known cells of the fixed map, and those that agree. AGREED: walls near a wall with a similar
+    normal. CONFLICTING: walls in free space, far from all walls. UNSEEN: walls in unknown cells although the space in
+    front of them is free, so the other robot would have seen them. XX, XY, YY: scatter of the normals of agreeing
+    walls. SQUARES: their squared distances.
     """
     sums = cleared(np.empty((len(motions), 8)))
     rows, cols = fixed.states.shape

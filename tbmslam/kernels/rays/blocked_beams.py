@@ -17,9 +17,9 @@ def follow_beams(
     Parameters
     ----------
     state
-        (5, B): the range since which a beam is constant [m], the index of the reading and the distance travelled [m] at
-        its begin, and the largest and the smallest heading with a return since then [rad]. The distance also grows by
-        the steps without a return.
+        (5, B): the first range of those that a beam has returned since without a change [m], the index of the reading
+        and the distance travelled [m] at that range, and the largest and the smallest heading with a return since then
+        [rad]. The distance also grows by the steps without a return.
     ranges
         The present ranges (B,) [m].
     here

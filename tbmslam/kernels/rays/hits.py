@@ -161,8 +161,8 @@ def place_hits(
 
     `points` and `normals` (P, 2) are those of all scans in the sensor's frame, and `offsets` (K + 1,) the first index
     of each scan and the end of the last scan. `poses` (K, 3) are those of the sensor, and `frame` is the index of the
-    scan whose frame is used for the result. Only every n-th hit is returned, with n = size // at_least, so that at
-    least `at_least` of as many remain.
+    scan whose frame is used for the result. Only every n-th hit is returned, with n = max(size // at_least, 1), so that
+    `at_least` or more remain if there are as many.
     """
     total = 0
     for k in chosen:

@@ -40,8 +40,8 @@ class Surfels(NamedTuple):
     the fit. Two unused numbers align the rows with the memory."""
     lattice: Lattice
     limits: tuple[float, float, float, float]
-    """Noise of a hit [m], largest size of a point [m], largest thickness of a surface [m], and number of hits of a
-    certain surfel."""
+    """Noise of a hit [m], largest size of a point [m], thickness at which a surfel counts half [m], and number of
+    hits of a certain surfel."""
 
 
 SurfelArrays = tuple[TileIndex, SurfelArray, SurfelArray, tuple[float, int, int], tuple[float, float, float, float]]

@@ -88,9 +88,7 @@ def test_nothing_merged_shows_the_maps_apart(maps):
 def test_a_pose_is_as_sure_as_the_weakest_link_of_the_strongest_way():
     sure = {("a", "b"): 0.99, ("b", "c"): 0.8, ("a", "c"): 0.3, ("c", "d"): 0.95}
     alignments = {
-        pair: Alignment(
-            "correlation", accepted=True, reason="r", T_target_source=SE2.identity(), confidence=confidence
-        )
+        pair: Alignment("correlation", accepted=True, reason="r", T_target_source=SE2.identity(), confidence=confidence)
         for pair, confidence in sure.items()
     }
     result = Merge(None, dict.fromkeys("abcd", SE2.identity()), alignments, {}, None, None, tuple(sure))
