@@ -68,6 +68,7 @@ def _run(args: argparse.Namespace) -> None:
         )
         for found in meetings(meeting, tasks, Executor(args.workers), _CHUNK)
         for trial in found
+        if trial is not None
     ]
     model = fit_deformed(trials)
     print(_report(trials, model))
@@ -94,20 +95,20 @@ def pairs_of_building(number: int) -> "Iterator[KnownPair]":
     yield from map(KnownPair.of, cut_pairs(building, int(rng.integers(2**31)), overlaps, draw))
 
 
-def trials_of_building(number: int) -> "list[DeformedTrial]":
+def trials_of_building(number: int) -> "list[DeformedTrial | None]":
     """Return the attempts at the pairs of a simulated building."""
-    from tools.calibration.deformed_fit import trials_of
+    from tools.calibration.deformed_fit import trial_of
 
-    return [trial for pair in pairs_of_building(number) for trial in trials_of(pair)]
+    return [trial_of(pair) for pair in pairs_of_building(number)]
 
 
-def trials_of_strangers(number: int, weight: float) -> "list[DeformedTrial]":
-    """Return the attempts at a pair of two places, each with a weight."""
+def trials_of_strangers(number: int, weight: float) -> "list[DeformedTrial | None]":
+    """Return the attempt at a pair of two places, with a weight."""
     from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair
-    from tools.calibration.deformed_fit import trials_of
+    from tools.calibration.deformed_fit import trial_of
 
     turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
-    return trials_of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), weight)
+    return [trial_of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), weight)]
 
 
 def _report(trials: "Sequence[DeformedTrial]", model: "DeformedModel") -> str:

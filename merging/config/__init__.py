@@ -165,17 +165,17 @@ class MergeConfig(FrozenConfig):
     joint: JointConfig = JointConfig()
     baselines: BaselinesConfig = BaselinesConfig()
 
-    def with_wide_distances(self) -> "MergeConfig":
-        """Return the parameters of a non-rigid registration that tolerates larger distances of corresponding walls."""
+    def of_deformed_maps(self) -> "MergeConfig":
+        """Return the parameters with the larger distances at which the walls of deformed maps agree."""
         distances = {
-            "agreement_distance_m": self.nonrigid.wide_agreement_m,
-            "conflict_distance_m": self.nonrigid.wide_conflict_m,
-            "see_through_m": self.nonrigid.wide_see_through_m,
+            "agreement_distance_m": self.nonrigid.agreement_distance_m,
+            "conflict_distance_m": self.nonrigid.conflict_distance_m,
+            "see_through_m": self.nonrigid.see_through_m,
         }
         return self.model_copy(
             update={
                 "verification": self.verification.model_copy(update=distances),
-                "refinement": self.refinement.model_copy(update={"last_reach_m": self.nonrigid.wide_agreement_m}),
+                "refinement": self.refinement.model_copy(update={"last_reach_m": self.nonrigid.agreement_distance_m}),
             }
         )
 

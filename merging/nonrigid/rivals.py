@@ -26,18 +26,18 @@ class DeformedRivals:
     """The evidence for poses of the mirror image (D,)."""
 
     @classmethod
-    def of(cls, poses: DeformedPoses, pose: DeformedPose, proposals: list[SE2]) -> "DeformedRivals":
+    def of(cls, poses: DeformedPoses, pose: DeformedPose) -> "DeformedRivals":
         """Deform a map at the rivals of a pose, and deform its mirror image at the best poses of the image.
 
         Rivals that end at the same place, or at the place of the tested pose, count once.
         """
         target, config = poses.target, poses.config
         mirror = DeformableMap.of(poses.source.grid.mirrored(), config)
-        mirrored = _rivals(target, mirror, propose(target, mirror.structure, config.correlation).motions, config)
-        rivals = [pose, *poses.best(_rivals(target, poses.source, proposals, config))]
+        rivals = [pose, *poses.best(_rivals(target, poses.source, config))]
         evidence = {rival.motion: rival.evidence for rival in rivals}
         motions = first_distinct(list(evidence), poses.source.structure, len(evidence))
-        decoys = [decoy.evidence for decoy in DeformedPoses(target, mirror, config).best(mirrored)]
+        mirrored = DeformedPoses(target, mirror, config).best(_rivals(target, mirror, config))
+        decoys = [decoy.evidence for decoy in mirrored]
         return cls(motions, [evidence[motion] for motion in motions], decoys)
 
 
@@ -46,8 +46,9 @@ def first_distinct(poses: list[SE2], source: WallMap, count: int) -> list[SE2]:
     return best_distinct(poses, -np.arange(len(poses), dtype=np.float64), source, count)
 
 
-def _rivals(target: WallMap, source: DeformableMap, proposals: list[SE2], config: MergeConfig) -> list[SE2]:
-    """Return the first proposals, and the proposals that fit best without deformation."""
+def _rivals(target: WallMap, source: DeformableMap, config: MergeConfig) -> list[SE2]:
+    """Return the first poses of the correlation, and those that fit best without deformation."""
+    proposals = propose(target, source.structure, config.correlation).motions
     fitting = [pose for pose, _ in best_of(proposals, target, source.structure, config)]
     rivals = [*first_distinct(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
     return first_distinct(rivals, source.structure, len(rivals))

@@ -3,10 +3,10 @@
 The correlation works on coarse cells and tolerates some tenths of a metre, so it finds deformed maps too; only the
 verification refuses them. A deformed map fits more poses than a rigid map. Therefore the deformed map must pass a new
 rigid alignment without an initial guess, and must fit better than deformed rivals: other poses of the map, and poses of
-its mirror image. Registered tiles leave some distance between corresponding walls, so a second attempt tolerates larger
-distances. A deformed map often fits best at another pose than the first one of the correlation, so deformations start
-at several poses (`merging.nonrigid.hypotheses`). The confidence follows from both tests and from the share of the floor
-that agrees (`merging.nonrigid.deformed_model`).
+its mirror image. Registered tiles leave some distance between corresponding walls, so walls agree at larger distances
+than those of rigid maps. A deformed map often fits best at another pose than the first one of the correlation, so
+deformations start at several poses (`merging.nonrigid.hypotheses`). The confidence follows from both tests and from the
+share of the floor that agrees (`merging.nonrigid.deformed_model`).
 
 If most walls agree at a rigid pose, it may be accepted although the maps are deformed. The other walls would be doubled
 in the merged map, and the pose would fit only one part of the overlap. Therefore a map is also deformed at an accepted
@@ -21,9 +21,7 @@ import itertools
 import logging
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +36,7 @@ from merging.nonrigid.deformed_model import DeformedTests
 from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses, evidence_near
 from merging.nonrigid.rivals import DeformedRivals, first_distinct
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import Proposals, propose, same_place
+from merging.registration.correlation import propose, same_place
 from merging.registration.features import Features
 from merging.rigid_alignment import (
     WORTH_DEFORMING,
@@ -168,10 +166,10 @@ def _is_much_more_likely(pose: DeformedPose, rigid: Alignment, fixed: WallMap) -
 def _register_refused(
     target: DeformableMap, source: DeformableMap, refused: Alignment, config: MergeConfig
 ) -> NonrigidRegistration | None:
-    """Deform the source at the best poses of the correlation; return the first registration that is likely enough."""
-    found = attempts(target, source, refused, config)
-    likely = (one for one in found if one.tests.confidence >= config.verification.min_confidence)
-    return next((one.registration for one in likely), None)
+    """Deform the source at the best poses of the correlation; return the registration if it is likely enough."""
+    found = attempt(target, source, refused, config)
+    is_likely = found is not None and found.tests.confidence >= config.verification.min_confidence
+    return found.registration if found is not None and is_likely else None
 
 
 class Attempt(NamedTuple):
@@ -193,50 +191,31 @@ class Attempt(NamedTuple):
         )
 
 
-def attempts(
-    target: DeformableMap, source: DeformableMap, refused: Alignment, config: MergeConfig
-) -> Iterator[Attempt]:
-    """Deform the source at the best poses of the correlation; yield the attempts that pass both tests.
+def attempt(target: DeformableMap, source: DeformableMap, refused: Alignment, config: MergeConfig) -> Attempt | None:
+    """Deform the source at the most likely start; return it if it is aligned there and beats its rivals.
 
-    A test is passed with `min_confidence`. The second attempt tolerates larger distances of corresponding walls, in the
-    deformed map and in the rigid one.
+    Both tests are passed with `min_confidence`. The deformed map and the rigid one are compared by the same distances.
     """
-    fixed, moving, wide = target.structure, source.structure, config.with_wide_distances()
-    proposals = lru_cache(lambda: propose(fixed, moving, config.correlation))  # most pairs need none
-    starts = refused.starts or tuple(first_distinct(proposals().motions, moving, config.nonrigid.places))
-    refused = replace(refused, starts=starts)
-    if (found := _attempt(target, source, refused, proposals, config)) is not None:
-        yield found
+    fixed, moving = target.structure, source.structure
+    config = config.of_deformed_maps()
+    starts = refused.starts or first_distinct(
+        propose(fixed, moving, config.correlation).motions, moving, config.nonrigid.places
+    )
     if refused.T_target_source is not None and refused.evidence is not None:
-        evidence = evidence_near(fixed, moving, refused.T_target_source, wide)
-        refused = replace(refused, evidence=evidence)
-    if (found := _attempt(target, source, refused, proposals, wide)) is not None:
-        yield found
-
-
-def _attempt(
-    target: DeformableMap,
-    source: DeformableMap,
-    refused: Alignment,
-    proposals: Callable[[], Proposals],
-    config: MergeConfig,
-) -> Attempt | None:
-    """Deform the source at the most likely start; return it if it is aligned there and beats its rivals."""
-    fixed = target.structure
+        refused = replace(refused, evidence=evidence_near(fixed, moving, refused.T_target_source, config))
     poses = DeformedPoses(fixed, source, config)
-    pose = poses.likeliest(refused.starts, refused.decoys)
+    pose = poses.likeliest(starts, refused.decoys)
     if pose is None or not _is_much_more_likely(pose, refused, fixed):
         return None
     deformed = PreparedMap(pose.structure, Features.none())
     realigned = align_prepared(_prepared(target), deformed, config, refused.decoys)
     if not _is_aligned_at(pose.motion, realigned, config):
         return None
-    rivals = DeformedRivals.of(poses, pose, proposals().motions)
+    rivals = DeformedRivals.of(poses, pose)
     confidence = confidences(rivals.evidence, rivals.decoys, deformed=True)[0]
     if confidence < config.verification.min_confidence or pose.deformed is None:
         return None
-    tests = DeformedTests.of(realigned.confidence, confidence, pose.evidence)
-    return Attempt(realigned, pose.deformed, tests)
+    return Attempt(realigned, pose.deformed, DeformedTests.of(realigned.confidence, confidence, pose.evidence))
 
 
 def _is_aligned_at(pose: SE2, found: Alignment, config: MergeConfig) -> bool:

@@ -8,7 +8,7 @@ from scipy import optimize
 
 from merging.config import MergeConfig
 from merging.nonrigid.deformed_model import DeformedModel, DeformedTests
-from merging.nonrigid.search import attempts, deformable, may_be_deformed
+from merging.nonrigid.search import attempt, deformable, may_be_deformed
 from merging.registration.features import Features
 from merging.rigid_alignment import PreparedMap, align_prepared, comparison_resolution
 from merging.walls import without_walls
@@ -35,26 +35,24 @@ class DeformedTrial:
     weight: float = 1.0
 
 
-def trials_of(pair: KnownPair, weight: float = 1.0) -> list[DeformedTrial]:
-    """Return the attempts at a pair that is refused without deformation."""
+def trial_of(pair: KnownPair, weight: float = 1.0) -> DeformedTrial | None:
+    """Return the attempt at a pair that is refused without deformation; None if there is none."""
     config = MergeConfig.model_validate({"verification": {"min_confidence": LEAST_CONFIDENCE}})
     resolution = comparison_resolution([pair.target.grid, pair.source.grid], config)
     target, source = (deformable(one.grid, resolution, config) for one in (pair.target, pair.source))
     if target is None or source is None or without_walls(target.structure, source.structure):
-        return []
+        return None
     turned = target.structure.wall_m < source.structure.wall_m  # as in the registration
     fixed, moving = (source, target) if turned else (target, source)
     maps = [PreparedMap(one.structure, Features.none()) for one in (fixed, moving)]
     rigid = align_prepared(maps[0], maps[1], MergeConfig())
     if not may_be_deformed(rigid, config):
-        return []
-    found = list[DeformedTrial]()
-    for one in attempts(fixed, moving, rigid, config):
-        motion = one.deformed.motion.inverse() if turned else one.deformed.motion
-        found.append(DeformedTrial(one.tests, pair.is_near(motion), weight))
-        if one.tests.less_certain >= MergeConfig().verification.min_confidence:
-            break  # the second attempt is for pairs that fail the first
-    return found
+        return None
+    found = attempt(fixed, moving, rigid, config)
+    if found is None:
+        return None
+    motion = found.deformed.motion.inverse() if turned else found.deformed.motion
+    return DeformedTrial(found.tests, pair.is_near(motion), weight)
 
 
 def fit_deformed(trials: Sequence[DeformedTrial]) -> DeformedModel:

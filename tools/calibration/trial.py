@@ -76,7 +76,7 @@ class Trial:
         likeliest = poses.likeliest(first_distinct(proposals, source.structure, config.nonrigid.places), ())
         if likeliest is None:
             return None
-        rivals = DeformedRivals.of(poses, likeliest, proposals)
+        rivals = DeformedRivals.of(poses, likeliest)
         near = np.array([pair.is_near(pose if moving == 1 else pose.inverse()) for pose in rivals.motions], np.bool_)
         return cls(pair.name, rivals.evidence, rivals.decoys, near, near, weight)
 

@@ -17,7 +17,7 @@ def test_rivals_that_end_at_one_place_count_once(monkeypatch):
 
     monkeypatch.setattr("merging.nonrigid.hypotheses.fit_tiles", fitted)
     poses = DeformedPoses(fixed.structure, moving, MergeConfig())
-    rivals = DeformedRivals.of(poses, poses.best([pose])[0], [])
+    rivals = DeformedRivals.of(poses, poses.best([pose])[0])
     assert len(rivals.motions) == len(rivals.evidence) == 2
     assert errors(rivals.motions[0], pose, target)[0] < 0.5
     assert len(rivals.decoys) == 2
