@@ -10,6 +10,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+if not __package__:  # run as a file of a clone, whose packages may not be installed under these names
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from tools.command_line.extra_files import add_extra_files
 from tools.command_line.options import (
     add_configuration_options,

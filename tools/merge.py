@@ -9,6 +9,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+if not __package__:  # run as a file of a clone, whose packages may not be installed under these names
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from tools.command_line.extra_files import add_extra_files, check_extra_files, write_extra_files
 from tools.command_line.options import add_configuration_options, number_within
 from tools.command_line.paths import check_exist, holds_map, list_maps, path_argument, unique_names

@@ -92,6 +92,12 @@ def test_a_wheel_brings_no_name_but_its_own(wheel):
     assert "tbmslam map" in programs[1]
 
 
+@pytest.mark.parametrize("program", ["build_maps", "merge"])
+def test_the_programs_of_a_clone_run_where_its_wheel_is_installed(installed, program):
+    text = shell(installed / "venv/bin/python", f"tools/{program}.py", "--help", cwd=ROOT)
+    assert text.startswith(f"usage: {program}")
+
+
 def test_a_wheel_that_the_forge_builds_leads_to_the_project(tmp_path):
     home = "https://forge.example/team/maps"
     forge = {"GITHUB_SERVER_URL": "https://forge.example", "GITHUB_REPOSITORY": "team/maps", "GITHUB_REF_NAME": "v9"}
