@@ -2,8 +2,11 @@
 
 If the new cells are not coarser than the old ones, each takes the belief of the old cell that holds its centre. This
 is exact to half a cell, and walls stay sharp and certain. Interpolation would smear them into the free space beside
-them. If the new cells are coarser, each takes the mean over its area. Otherwise thin walls would fall between the
-centres. Both are convex combinations of beliefs, so they are beliefs.
+them.
+
+A coarser cell is occupied if any part of it is. So it takes the belief of the most occupied old cell that it covers, if
+that is rather occupied than free; a mean would turn walls that are thinner than the new cells into free space.
+Otherwise it takes the mean over its area. All are convex combinations of beliefs, so they are beliefs.
 """
 
 import math

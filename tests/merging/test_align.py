@@ -51,6 +51,17 @@ def test_a_building_that_is_its_own_mirror_image_is_not_placed_by_half(wings):
     assert not found.accepted or pair.is_right(found.T_target_source), found.reason
 
 
+def test_thin_walls_of_a_plan_are_compared_with_coarser_cells(rooms):
+    occupied = TbmMap(rooms(3)).to_occupancy() == 100
+    edges = occupied & ~(np.roll(occupied, 1, axis=0) & np.roll(occupied, 1, axis=1))  # walls of one cell
+    plan = TbmMap.from_occupancy(np.where(edges, np.int8(100), np.int8(0)), 0.05)
+    blocks = occupied.reshape(occupied.shape[0] // 2, 2, occupied.shape[1] // 2, 2).any(axis=(1, 3))
+    coarse = TbmMap.from_occupancy(np.where(blocks, np.int8(100), np.int8(0)), 0.1)
+    for found in (align(plan, coarse), align(coarse, plan)):
+        assert found.accepted, found.reason
+        assert found.T_target_source == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
+
+
 def test_a_self_similar_corridor_is_ambiguous():
     pair = KnownPair.of(next(iter(cut_pairs(building_of_world("corridor", 41), 1, [0.5]))))
     found = align(pair.target, pair.source)

@@ -25,7 +25,9 @@ def resample(
     first: Cell,
     resampled: npt.NDArray[np.float32],
 ) -> None:
-    """Write into every cell of `resampled` (rows, cols, 4) the mean of the cells of the old grid that it covers.
+    """Write into every cell of `resampled` (rows, cols, 4) the belief of the cells of the old grid that it covers.
+
+    It is the belief of the most occupied one if that is rather occupied than free, otherwise their mean.
 
     `resampled` holds the new grid's cells from the row and column ``first`` on, and `masses` those of the old grid from
     the row and column ``corner`` on: all that are read. The old grid has ``size`` rows and columns.
@@ -41,7 +43,7 @@ def resample(
             if samples == 1:
                 _read_row(masses, corner, size, row_of, col_of, row, resampled[index], left, right)
             else:
-                _average_row(masses, corner, size, row_of, col_of, samples, row, resampled[index], left, right)
+                _summarise_row(masses, corner, size, row_of, col_of, samples, row, resampled[index], left, right)
 
 
 @part
@@ -72,7 +74,7 @@ def _read_row(
 
 
 @part
-def _average_row(
+def _summarise_row(
     masses: npt.NDArray[np.float32],
     corner: Cell,
     size: Cell,
@@ -89,6 +91,7 @@ def _average_row(
     for index in range(left, right):
         col = first[1] + index
         conflict, free, occupied, unknown = 0.0, 0.0, 0.0, 0.0
+        most, wall_row, wall_col = 0.0, 0, 0
         for sample in range(samples * samples):
             inner_row = row + (sample // samples + 0.5) / samples
             inner_col = col + (sample % samples + 0.5) / samples
@@ -100,8 +103,14 @@ def _average_row(
                 free += masses[at_row, at_col, 1]
                 occupied += masses[at_row, at_col, 2]
                 unknown += masses[at_row, at_col, 3]
+                if masses[at_row, at_col, 2] > max(masses[at_row, at_col, 1], most):
+                    most, wall_row, wall_col = masses[at_row, at_col, 2], at_row, at_col
             else:
                 unknown += 1.0
+        if most > 0.0:
+            for subset in range(4):
+                resampled[index, subset] = masses[wall_row, wall_col, subset]
+            continue
         count = samples * samples
         resampled[index, 0] = conflict / count
         resampled[index, 1] = free / count

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.grid_resampling import PlacedGrid, resample
-from tbmslam.belief.masses import UNKNOWN
+from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.geometry.se2 import SE2
 from tests.reference import is_inside
 
@@ -18,16 +18,18 @@ def random_grid(seed, rows=7, cols=11, resolution=0.1, origin=(-0.35, 1.25)):
 
 
 def slow_resample(grid, T_target_source, geometry, samples):
-    """The same from the definition: where does each sample lie, and what is there."""
+    """The same from the definition: where does each sample lie, what is there, and is any of it a wall."""
     resampled = np.zeros((geometry.rows, geometry.cols, 4))
     for row in range(geometry.rows):
         for col in range(geometry.cols):
+            covered = []
             for i in range(samples * samples):
                 x = geometry.origin_x + (col + (i % samples + 0.5) / samples) * geometry.resolution
                 y = geometry.origin_y + (row + (i // samples + 0.5) / samples) * geometry.resolution
                 cell = grid.geometry.cell_at(*T_target_source.inverse().apply([x, y]))
-                there = grid.masses[cell] if is_inside(grid.geometry, *cell) else np.array([0.0, 0.0, 0.0, 1.0])
-                resampled[row, col] += there / samples**2
+                covered.append(grid.masses[cell] if is_inside(grid.geometry, *cell) else np.array([0.0, 0.0, 0.0, 1.0]))
+            walls = [belief for belief in covered if belief[OCCUPIED] > belief[FREE]]
+            resampled[row, col] = max(walls, key=lambda belief: belief[OCCUPIED]) if walls else np.mean(covered, axis=0)
     return resampled
 
 
@@ -56,21 +58,28 @@ def test_it_reads_the_cell_under_each_centre(seed, x, y, theta, resolution):
 
 
 @pytest.mark.parametrize(("resolution", "samples"), [(0.2, 2), (0.25, 3)])
-def test_coarser_cells_take_the_mean_of_what_they_cover(resolution, samples):
+def test_coarser_cells_take_the_wall_that_they_cover_or_the_mean(resolution, samples):
     grid, motion = random_grid(3, rows=20, cols=20), SE2(0.1234, -0.0531, 0.4)
     geometry = GridGeometry(resolution, -0.517, 0.913, 8, 9)
     result = resample(grid, motion, geometry)
     np.testing.assert_allclose(result.masses, slow_resample(grid, motion, geometry, samples), atol=1e-6)
 
 
-def test_a_thin_wall_survives_in_coarser_cells():
+@pytest.mark.parametrize("resolution", [0.1, 0.2])
+def test_a_thin_wall_stays_a_wall_in_coarser_cells(resolution):
     masses = np.zeros((20, 20, 4), dtype=np.float32)
     masses[..., 1] = 1.0
     masses[:, 7] = (0.0, 0.0, 1.0, 0.0)
+    size = round(1.0 / resolution)
     coarse = resample(
-        TbmGrid(GridGeometry(0.05, 0.0, 0.0, 20, 20), masses), SE2.identity(), GridGeometry(0.2, 0, 0, 5, 5)
+        TbmGrid(GridGeometry(0.05, 0.0, 0.0, 20, 20), masses),
+        SE2.identity(),
+        GridGeometry(resolution, 0, 0, size, size),
     )
-    np.testing.assert_allclose(coarse.masses[:, 1, 2], 0.25, atol=1e-6)
+    walls = np.zeros((size, size), dtype=bool)
+    walls[:, int(7 * 0.05 / resolution)] = True
+    np.testing.assert_array_equal(coarse.masses[..., OCCUPIED], walls)
+    np.testing.assert_array_equal(coarse.masses[..., FREE], ~walls)
 
 
 @settings(max_examples=30, deadline=None)
