@@ -4,6 +4,7 @@ Edits are kept as a list, edits.toml beside the map, and can be applied again wh
 """
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ from tools.command_line.paths import check_exist, path_argument, refuse_to_overw
 from tools.command_line.program import ProgramParser, run_program
 
 if TYPE_CHECKING:
+    from tbmslam.map.edits import MapEdit
     from tbmslam.map.tbm_map import TbmMap
 
 EXAMPLES = """examples:
@@ -26,10 +28,14 @@ EXAMPLES = """examples:
       the same edits of a map built again in the same frame
 
 Edits are applied in the order of the command line, those of --edits first. Coordinates are metres in the frame that the
-map has by then. The result keeps trajectories but no scans: a merge would draw the map from them again.
+map has by then. The edits.toml and the forbidden areas of an edited MAP are continued. The result keeps trajectories
+but no scans: a merge would draw the map from them again.
 """
 EDITS, KEEPOUT, _ALIGN = "edits.toml", "keepout", "align-axes"
 _CORNERS = ("X0", "Y0", "X1", "Y1")
+
+Edit = tuple[str, tuple[float, ...]]
+"""Kind and numbers of an edit."""
 
 
 class _Append(argparse.Action):
@@ -90,14 +96,17 @@ def _run(args: argparse.Namespace) -> None:
     from tools.command_line.output_folder import output_folder
 
     masks = (f"{KEEPOUT}.yaml", f"{KEEPOUT}.pgm")
-    refuse_to_overwrite(files_of_map(args.map), (args.out / name for name in (*FIXED_NAMES, *masks)))
-    wanted = [*(_read_edits(args.edits) if args.edits else []), *(args.wanted or [])]
-    tbm_map, mask, done = _applied(load_map(args.map), wanted)
+    read = files_of_map(args.map)
+    refuse_to_overwrite(read, (args.out / name for name in (*FIXED_NAMES, *masks)))
+    tbm_map = load_map(args.map)
+    earlier = _earlier_edits(read[0], tbm_map)
+    wanted = _wanted_edits(args)
+    tbm_map, mask, done = _applied(tbm_map, _earlier_mask(read[0].with_name(masks[0]), earlier), wanted)
     tbm_map = without_scans(tbm_map)
     with output_folder(args.out):
         save_map(args.out, tbm_map)
         write_extra_files(args.out, tbm_map, args)
-        _write_edits(args.out / EDITS, done)
+        _write_edits(args.out / EDITS, [*earlier, *done])
         for name in masks:
             (args.out / name).unlink(missing_ok=True)
         if mask is not None:
@@ -106,49 +115,92 @@ def _run(args: argparse.Namespace) -> None:
     print(f"{args.map}: {tbm_map.grid.summary()} -> {args.out}")
 
 
-def _applied(
-    tbm_map: "TbmMap", wanted: Sequence[tuple[str, tuple[float, ...]]]
-) -> "tuple[TbmMap, TbmMap | None, list[tuple[str, tuple[float, ...]]]]":
-    """Return an edited map, the mask of forbidden areas if there are any, and the edits for a repetition."""
-    from tbmslam.map.edits import MapEdit, angle_to_axes, keepout_mask
+def _earlier_edits(map_file: Path, tbm_map: "TbmMap") -> list[Edit]:
+    """Return the edits that a map already has: the list beside it, unless the map was built again since."""
+    from tbmslam.io.map_folder import FIXED_NAMES
 
-    mask: TbmMap | None = None
-    done = []
+    path, has_scans = map_file.with_name(EDITS), any(len(drive.keyframes) for drive in tbm_map.drives)
+    if map_file.name not in FIXED_NAMES or has_scans or not os.path.lexists(path):
+        return []
+    remedy = "restore it, or delete it to begin a new list"
+    edits = _read_edits(path, remedy)
+    try:
+        for kind, values in edits:
+            _map_edit(kind, values)
+    except ValueError as error:
+        raise _damaged(path, error, remedy) from None
+    return edits
+
+
+def _wanted_edits(args: argparse.Namespace) -> list[Edit]:
+    """Return the edits of a file and of the command line."""
+    given = _read_edits(args.edits, f"name the {EDITS} of an edited map") if args.edits else []
+    return [*given, *(args.wanted or [])]
+
+
+def _earlier_mask(path: Path, earlier: Sequence[Edit]) -> "TbmMap | None":
+    """Return the mask of the areas that earlier edits forbid, if there are any."""
+    if not any(kind == KEEPOUT for kind, _ in earlier):
+        return None
+    from tbmslam.io.ros_map import read_ros_map_header
+    from tbmslam.map.tbm_map import TbmMap
+
+    check_exist([path], f"does not exist, but {EDITS} forbids areas: restore it, or repeat the edits by --edits")
+    header = read_ros_map_header(path)
+    return TbmMap.from_image(header.image, header.resolution, (header.T_map_image.x, header.T_map_image.y))
+
+
+def _applied(
+    tbm_map: "TbmMap", mask: "TbmMap | None", wanted: Sequence[Edit]
+) -> "tuple[TbmMap, TbmMap | None, list[Edit]]":
+    """Return an edited map, the mask of forbidden areas if there are any, and the edits for a repetition."""
+    from tbmslam.map.edits import angle_to_axes, keepout_mask
+
+    done: list[Edit] = []
     for kind, given in wanted:
-        values = given
+        aligns = kind == _ALIGN
         try:
+            edit = _map_edit("rotate", (angle_to_axes(tbm_map.grid),)) if aligns else _map_edit(kind, given)
             if kind == KEEPOUT:
-                mask = MapEdit("occupy", values).applied(mask or keepout_mask(tbm_map.grid.geometry))
-                done.append((kind, values))
-                continue
-            aligns = kind == _ALIGN
-            edit = MapEdit("rotate", (angle_to_axes(tbm_map.grid),)) if aligns else MapEdit(cast("Any", kind), values)
-            tbm_map = edit.applied(tbm_map)
-            if mask is not None and edit.kind in ("crop", "rotate"):
-                mask = edit.applied(mask)
+                mask = edit.applied(mask or keepout_mask(tbm_map.grid.geometry))
+            else:
+                tbm_map = edit.applied(tbm_map)
+                if mask is not None and edit.kind in ("crop", "rotate"):
+                    mask = edit.applied(mask)
         except ValueError as error:
             raise TbmSlamError(f"--{kind}: {error}: correct it") from None
-        done.append((edit.kind, edit.values))
+        done.append(("rotate" if aligns else kind, edit.values))
     return tbm_map, mask, done
 
 
-def _read_edits(path: Path) -> list[tuple[str, tuple[float, ...]]]:
-    """Return the edits of a file, kinds and numbers."""
+def _map_edit(kind: str, values: tuple[float, ...]) -> "MapEdit":
+    """Return the change of the map, or that of the mask: forbidden areas are occupied there."""
+    from tbmslam.map.edits import MapEdit
+
+    return MapEdit("occupy" if kind == KEEPOUT else cast("Any", kind), values)
+
+
+def _read_edits(path: Path, remedy: str) -> list[Edit]:
+    """Return the edits of a file."""
     import tomllib
 
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))["edit"]
         return [(str(table["kind"]), tuple(float(value) for value in table["values"])) for table in tables]
     except OSError as error:
-        raise TbmSlamError(f"{path}: cannot be read: {error.strerror}: name the {EDITS} of an edited map") from error
+        raise TbmSlamError(f"{path}: cannot be read: {error.strerror}: {remedy}") from error
     except (ValueError, KeyError, TypeError) as error:
-        raise TbmSlamError(f"{path}: holds no list of edits ({error}): name the {EDITS} of an edited map") from error
+        raise _damaged(path, error, remedy) from error
 
 
-def _write_edits(path: Path, done: Sequence[tuple[str, Sequence[float]]]) -> None:
+def _damaged(path: Path, error: Exception, remedy: str) -> TbmSlamError:
+    return TbmSlamError(f"{path}: holds no list of edits ({error}): {remedy}")
+
+
+def _write_edits(path: Path, edits: Sequence[Edit]) -> None:
     from tbmslam.io.atomic_file import write_text
 
-    tables = [f'[[edit]]\nkind = "{kind}"\nvalues = [{", ".join(map(repr, values))}]\n' for kind, values in done]
+    tables = [f'[[edit]]\nkind = "{kind}"\nvalues = [{", ".join(map(repr, values))}]\n' for kind, values in edits]
     write_text(path, "\n".join(tables))
 
 

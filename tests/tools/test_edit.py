@@ -56,6 +56,80 @@ def test_a_mask_turns_with_the_map(room, tmp_path):
     assert mask == pytest.approx(edited)
 
 
+def test_a_second_edit_continues_the_list_and_the_mask_of_the_first(room, tmp_path, caplog):
+    first = ("--wall", 0.5, 0.5, 0.5, 1.5, "--keepout", 0.2, 0.8, 1.0, 1.6, "--rotate", 13)
+    assert run(room, *first, "-o", tmp_path / "k1") == 0
+    assert run(tmp_path / "k1", "--rotate", 20, "--crop", -1.5, 0.5, 1.5, 2.5, "-o", tmp_path / "k2") == 0
+    assert run(tmp_path / "k2" / "map.npz", "--free", 0, 1, 1, 2, "-o", tmp_path / "k3") == 0
+    kinds = [one["kind"] for one in tomllib.loads((tmp_path / "k3" / "edits.toml").read_text())["edit"]]
+    assert kinds == ["wall", "keepout", "rotate", "rotate", "crop", "free"]
+    assert (load_map(tmp_path / "k3" / "keepout.yaml").to_occupancy() == 100).any()
+    assert run(room, "--edits", tmp_path / "k3" / "edits.toml", "-o", tmp_path / "again") == 0
+    again, third = load_map(tmp_path / "again").grid, load_map(tmp_path / "k3").grid
+    np.testing.assert_array_equal(again.masses, third.masses)
+    assert again.geometry == third.geometry
+    for name in ("edits.toml", "keepout.yaml", "keepout.pgm"):
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "k3" / name).read_bytes()
+
+
+def test_a_second_area_is_forbidden_besides_the_first(room, tmp_path, caplog):
+    assert run(room, "--keepout", 0.2, 0.8, 0.6, 1.2, "-o", tmp_path / "k1") == 0
+    assert run(tmp_path / "k1", "--keepout", 1.0, 1.0, 1.5, 1.5, "-o", tmp_path / "k2") == 0
+    assert not caplog.records  # a mask need not have unknown cells
+    first, second = (load_map(tmp_path / name / "keepout.yaml").to_occupancy() == 100 for name in ("k1", "k2"))
+    assert second[first].all()
+    assert second.sum() > first.sum()
+
+
+def test_other_edits_of_a_file_follow_those_of_the_map(room, tmp_path):
+    assert run(room, "--wall", 0.5, 0.5, 0.5, 1.5, "-o", tmp_path / "k1") == 0
+    assert run(room, "--rotate", 5, "-o", tmp_path / "other") == 0
+    assert run(tmp_path / "k1", "--edits", tmp_path / "other" / "edits.toml", "-o", tmp_path / "k2") == 0
+    kinds = [one["kind"] for one in tomllib.loads((tmp_path / "k2" / "edits.toml").read_text())["edit"]]
+    assert kinds == ["wall", "rotate"]
+
+
+@pytest.mark.parametrize(
+    ("damage", "fact"),
+    [
+        (
+            lambda k1: (k1 / "edits.toml").write_text("edit = 3"),
+            r"k1/edits\.toml: holds no list of edits \(.*\): restore",
+        ),
+        (
+            lambda k1: (k1 / "edits.toml").write_bytes(b"\xff"),
+            r"k1/edits\.toml: holds no list of edits \(.*\): restore",
+        ),
+        (
+            lambda k1: (k1 / "edits.toml").write_text('[[edit]]\nkind = "wall"\nvalues = [1.0]\n'),
+            r"k1/edits\.toml: holds no list of edits \(wall takes 4 numbers, got 1\): restore",
+        ),
+        (
+            lambda k1: (k1 / "keepout.yaml").unlink(),
+            r"k1/keepout\.yaml: does not exist, but edits\.toml .*: restore it",
+        ),
+        (lambda k1: (k1 / "keepout.pgm").write_bytes(b"P5"), r"k1/keepout\.pgm: "),
+    ],
+)
+def test_damaged_edits_of_the_map_are_one_line(room, tmp_path, monkeypatch, capsys, damage, fact):
+    monkeypatch.chdir(tmp_path)
+    assert run("room", "--keepout", 0.5, 0.5, 1.0, 1.5, "-o", "k1") == 0
+    damage(tmp_path / "k1")
+    capsys.readouterr()
+    assert run("k1", "--rotate", 5, "-o", "k2") == 1
+    assert re.fullmatch(f"edit: {fact}.*\n", capsys.readouterr().err)
+    assert not (tmp_path / "k2").exists()
+
+
+def test_edits_are_repeated_on_a_map_that_was_built_again_in_their_folder(bag, tmp_path):
+    maps = tmp_path / "maps"
+    assert build_maps.main([str(bag), "-o", str(maps), *QUICK]) == 0
+    assert run(maps / "robot_0", "--rotate", 5, "-o", tmp_path / "k1") == 0
+    (tmp_path / "k1" / "map.npz").write_bytes((maps / "robot_0" / "map.npz").read_bytes())
+    assert run(tmp_path / "k1", "--edits", tmp_path / "k1" / "edits.toml", "-o", tmp_path / "k2") == 0
+    assert (tmp_path / "k2" / "edits.toml").read_bytes() == (tmp_path / "k1" / "edits.toml").read_bytes()
+
+
 def test_trajectories_stay_and_scans_go(bag, tmp_path):
     assert build_maps.main([str(bag), "-o", str(tmp_path / "maps"), *QUICK]) == 0
     assert run(tmp_path / "maps" / "robot_0", "--align-axes", "-o", tmp_path / "out") == 0
