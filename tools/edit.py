@@ -100,7 +100,7 @@ def _run(args: argparse.Namespace) -> None:
     refuse_to_overwrite(read, (args.out / name for name in (*FIXED_NAMES, *masks)))
     tbm_map = load_map(args.map)
     earlier = _earlier_edits(read[0], tbm_map)
-    wanted = _wanted_edits(args)
+    wanted = _wanted_edits(args, earlier)
     tbm_map, mask, done = _applied(tbm_map, _earlier_mask(read[0].with_name(masks[0]), earlier), wanted)
     tbm_map = without_scans(tbm_map)
     with output_folder(args.out):
@@ -132,9 +132,14 @@ def _earlier_edits(map_file: Path, tbm_map: "TbmMap") -> list[Edit]:
     return edits
 
 
-def _wanted_edits(args: argparse.Namespace) -> list[Edit]:
-    """Return the edits of a file and of the command line."""
+def _wanted_edits(args: argparse.Namespace, earlier: Sequence[Edit]) -> list[Edit]:
+    """Return the edits of a file and of the command line; those of a file must not repeat those of the map."""
     given = _read_edits(args.edits, f"name the {EDITS} of an edited map") if args.edits else []
+    common = min(len(given), len(earlier))
+    if common and given[:common] == earlier[:common]:
+        raise TbmSlamError(
+            f"{args.edits}: repeats edits that {args.map} already has: edit the map without them, or omit --edits"
+        )
     return [*given, *(args.wanted or [])]
 
 

@@ -81,6 +81,19 @@ def test_a_second_area_is_forbidden_besides_the_first(room, tmp_path, caplog):
     assert second.sum() > first.sum()
 
 
+@pytest.mark.parametrize("given", ["k1", "k2"])
+def test_edits_that_a_map_already_has_are_not_applied_twice(room, tmp_path, monkeypatch, capsys, given):
+    monkeypatch.chdir(tmp_path)
+    assert run("room", "--wall", 0.5, 0.5, 0.5, 1.5, "-o", "k1") == 0
+    assert run("k1", "--rotate", 5, "-o", "k2") == 0
+    for source in ("k1", "k2"):
+        capsys.readouterr()
+        assert run(source, "--edits", f"{given}/edits.toml", "-o", "out") == 1
+        said = f"repeats edits that {source} already has: edit the map without them, or omit --edits"
+        assert capsys.readouterr().err == f"edit: {given}/edits.toml: {said}\n"
+        assert not (tmp_path / "out").exists()
+
+
 def test_other_edits_of_a_file_follow_those_of_the_map(room, tmp_path):
     assert run(room, "--wall", 0.5, 0.5, 0.5, 1.5, "-o", tmp_path / "k1") == 0
     assert run(room, "--rotate", 5, "-o", tmp_path / "other") == 0
