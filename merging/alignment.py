@@ -160,12 +160,16 @@ class Alignment:
             place = f" The source lies at x {x} m, y {y} m, turned {degrees}°, in the frame of the target."
         text = f"<p><b>{verdict}, confidence {html.escape(format_confidence(self.confidence))}.</b>{place}</p>"
         text += f"<p>{html.escape(self.reason[:1].upper() + self.reason[1:])}.</p>"
+        return text + self.picture_html("the target", "the source")
+
+    def picture_html(self, target: str, source: str) -> str:
+        """Return the walls of both maps at the pose with a caption that names the maps; empty if there is no pose."""
         if self.T_target_source is None or self.compared is None:
-            return text
+            return ""
         data = base64.b64encode(self.compared.png(self.T_target_source)).decode("ascii")
-        caption = CAPTION.format(target="the target", source="the source")
+        caption = CAPTION.format(target=html.escape(target), source=html.escape(source))
         below = f"{caption} {self.compared.note}".rstrip()
-        return f'{text}<img alt="{caption}" src="data:image/png;base64,{data}"><p><small>{below}</small></p>'
+        return f'<img alt="{caption}" src="data:image/png;base64,{data}"><p><small>{below}</small></p>'
 
     def at(self, T_target_source: SE2, evidence: Evidence, confidence: float, covariance: Covariance) -> "Alignment":
         """Return the alignment with a pose, its evidence, probability and covariance."""

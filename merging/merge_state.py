@@ -80,10 +80,18 @@ def check_maps(maps: Mapping[str, TbmMap]) -> None:
 
 def most_confident_pair(alignments: Mapping[Pair, Alignment]) -> list[str]:
     """Return the reason of the most confident alignment in a line, which says most where nothing was merged."""
-    if not alignments:
-        return []
-    target, source = best = max(alignments, key=lambda pair: alignments[pair].confidence)
-    return [f"  most confident pair, {source} in {target}: {alignments[best].reason}"]
+    best = _most_confident(alignments)
+    return [] if best is None else [f"  most confident pair, {best[1]} in {best[0]}: {alignments[best].reason}"]
+
+
+def best_pair_picture(alignments: Mapping[Pair, Alignment]) -> str:
+    """Return the picture of the most confident alignment as HTML; empty if it has no pose."""
+    best = _most_confident(alignments)
+    return "" if best is None else alignments[best].picture_html(*best)
+
+
+def _most_confident(alignments: Mapping[Pair, Alignment]) -> Pair | None:
+    return max(alignments, key=lambda pair: alignments[pair].confidence, default=None)
 
 
 def why_alone(name: str, alignments: Mapping[Pair, Alignment]) -> str:

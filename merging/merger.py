@@ -11,7 +11,7 @@ from merging.config import MergeConfig
 from merging.fusion import Fusion
 from merging.joint_slam import JointRefinement
 from merging.map_graph.grouping import Group, groups_of
-from merging.merge_state import MergeState, check_maps, most_confident_pair, why_alone, why_left_out
+from merging.merge_state import MergeState, best_pair_picture, check_maps, most_confident_pair, why_alone, why_left_out
 from merging.merged_group import MergedGroup, merge_group
 from merging.nonrigid.propagation import deformed_maps
 from merging.nonrigid.search import align_deformable, register_pairs
@@ -62,9 +62,9 @@ class Merge:
         return None if self.merged is None else self.merged._repr_png_()
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: which maps were merged, why the others were not, and the merged map."""
+        """Return what a notebook shows: the text, and the merged map or else the picture of the most confident pair."""
         lines = "".join(f"<p>{html.escape(line.strip())}</p>" for line in repr(self).splitlines())
-        return lines if self.merged is None else lines + self.merged._repr_html_()
+        return lines + (best_pair_picture(self.alignments) if self.merged is None else self.merged._repr_html_())
 
     def laid(self, name: str, maps: Mapping[str, TbmMap]) -> tuple[TbmGrid, SE2]:
         """Return the grid of a merged map, after joint optimisation, and its pose in the merged map."""

@@ -184,7 +184,8 @@ def test_nothing_in_common_merges_nothing(rooms):
     assert repr(result) == f"Merge of 2 maps: merged none\n  one: {why}\n  two: {why}\n  {best}"
     assert result._repr_png_() is None
     lines = ("Merge of 2 maps: merged none", f"one: {why}", f"two: {why}", html.escape(best))
-    assert result._repr_html_() == "".join(f"<p>{line}</p>" for line in lines)
+    picture = result.alignments["one", "two"].picture_html("one", "two")
+    assert result._repr_html_() == "".join(f"<p>{line}</p>" for line in lines) + picture
 
 
 def test_maps_without_names_are_refused(rooms):

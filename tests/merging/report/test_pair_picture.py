@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from merging import MergeConfig, align, merge
+from merging.alignment import Alignment
 from merging.fusion import warp
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
@@ -18,6 +19,7 @@ from tbmslam.map.tbm_map import TbmMap
 
 CONFIG = MergeConfig(method="features")
 GREEN, RED, BLUE, ORANGE = (16, 138, 76), (206, 22, 28), (28, 94, 170), (222, 130, 20)
+NO_POSE = Alignment("correlation", accepted=False, reason="the source map is empty")
 
 
 @pytest.fixture
@@ -68,3 +70,19 @@ def test_the_alignments_of_a_merge_have_pictures_of_the_compared_grids(rooms, th
     assert colours(found._repr_html_()) == colours(align(*maps.values(), CONFIG)._repr_html_())
     assert "compared" not in found.as_json()
     assert found == replace(found, compared=None)
+
+
+def test_a_merge_of_nothing_shows_its_most_confident_pair(rooms):
+    maps = {"one": TbmMap(rooms(1)), "<two>": TbmMap(rooms(2))}
+    result = merge(maps)
+    assert result.merged is None
+    html = result._repr_html_()
+    found = result.alignments["one", "<two>"]
+    assert "Walls of one are blue, of &lt;two&gt; orange." in html
+    assert colours(html) == colours(found._repr_html_())
+    surer = replace(found, T_target_source=SE2(1.0, 0.6, 0.0) @ found.T_target_source, confidence=0.9)
+    both = replace(result, alignments={**result.alignments, ("one", "three"): surer})
+    assert "of three orange" in both._repr_html_()
+    assert colours(both._repr_html_()) == colours(surer._repr_html_())
+    assert "<img" not in replace(result, alignments={})._repr_html_()
+    assert "<img" not in replace(result, alignments={("one", "<two>"): NO_POSE})._repr_html_()
