@@ -59,4 +59,4 @@ def test_what_is_installed_is_not_too_large():
     assert "numpy" in names
     files = [Path(str(file.locate())) for name in names for file in metadata.files(name) or () if file.suffix != ".pyc"]
     megabytes = sum(file.stat().st_size for file in files if file.exists()) / 1e6
-    assert 400.0 < megabytes < 640.0  # 592 with the releases of November 2026
+    assert 400.0 < megabytes < 600.0  # 592 with the releases of November 2026
