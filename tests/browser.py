@@ -30,8 +30,8 @@ class OpenPage:
 
 
 @contextmanager
-def browser_window(width: int = 1440, height: int = 900) -> Iterator[object]:
-    """Open a browser's window; skip the test where there is no browser.
+def browser_window(width: int = 1440, height: int = 900, *, is_touched: bool = False) -> Iterator[object]:
+    """Open a browser's window, of a phone if it is touched; skip the test where there is no browser.
 
     The window is closed at the end since the library's event loop must not run while other tests use one.
     """
@@ -41,6 +41,8 @@ def browser_window(width: int = 1440, height: int = 900) -> Iterator[object]:
         pytest.skip(f"no browser is installed: none of {', '.join(NAMES)} is found, apt-get install chromium")
     with playwright.sync_playwright() as tool:
         browser = tool.chromium.launch(executable_path=path)
-        context = browser.new_context(viewport={"width": width, "height": height}, offline=True)
+        context = browser.new_context(
+            viewport={"width": width, "height": height}, offline=True, is_mobile=is_touched, has_touch=is_touched
+        )
         yield context.new_page()
         browser.close()

@@ -101,6 +101,26 @@ def test_the_map_is_panned_and_zoomed_and_read_in_metres(merged, window):
     assert opened.complaints == []
 
 
+def test_the_hint_is_for_a_mouse_where_there_is_one(merged, window):
+    opened = OpenPage(window, merged / "report.html")
+    page = opened.page
+    hint = "Move over the map to read positions and values. Drag to move, scroll to zoom."
+    assert page.inner_text("#readout") == hint
+    read_out(opened)
+    page.mouse.move(1, 1)
+    assert page.inner_text("#readout") == hint
+
+
+def test_one_tap_reads_position_and_values(merged):
+    with browser_window(390, 844, is_touched=True) as window:
+        opened = OpenPage(window, merged / "report.html")
+        page = opened.page
+        page.locator("#map").tap()
+        page.locator("#readout", has_text="conflict").wait_for(timeout=5000)
+        assert re.match(r"x -?\d+\.\d\d m   y -?\d+\.\d\d m ", page.inner_text("#readout"))
+        assert opened.complaints == []
+
+
 def test_the_report_of_build_maps_has_a_sheet_for_every_robot(flat_maps, window):
     opened = OpenPage(window, flat_maps / "report.html")
     page = opened.page

@@ -21,7 +21,7 @@
   const place = document.getElementById("map");
   if (!place || !sheets.length) return;
   const readout = document.getElementById("readout");
-  const hint = readout.textContent;
+  const hint = [...readout.childNodes];
 
   const map = L.map(place, {
     crs: L.CRS.Simple, attributionControl: false, preferCanvas: true, zoomSnap: 0.25, zoomDelta: 0.75,
@@ -175,7 +175,7 @@
     document.querySelectorAll("[data-sheet]").forEach((tab) =>
       tab.setAttribute("aria-selected", String(Number(tab.dataset.sheet) === number)));
     document.querySelectorAll("[data-note]").forEach((note) => { note.hidden = Number(note.dataset.note) !== number; });
-    readout.textContent = hint;
+    tell(null);
   }
 
   // Robots run along their drives: rows of tenths of a second, centimetres twice, and degrees.
@@ -342,10 +342,8 @@
   }
 
   function valueAt(entry, { lat, lng }) {
-    if (!entry.values) {
-      if (!entry.decoding) entry.decoding = decode(entry);
-      return null;
-    }
+    if (!entry.decoding) entry.decoding = decode(entry).then(() => tell(at));  // a finger does not move again
+    if (!entry.values) return null;
     const [[bottom, left], [top, right]] = entry.layer.bounds;
     const { width, height, values } = entry.values;
     const col = Math.floor(((lng - left) / (right - left)) * width);
@@ -354,15 +352,19 @@
     return values[row * width + col] * entry.layer.unit;
   }
 
-  map.on("mousemove", ({ latlng }) => {
-    const parts = [`x ${latlng.lng.toFixed(2)} m   y ${latlng.lat.toFixed(2)} m`];
+  let at = null;        // the point that is read; null while none is
+  function tell(point) {
+    at = point;
+    if (!point) { readout.replaceChildren(...hint); return; }
+    const parts = [`x ${point.lng.toFixed(2)} m   y ${point.lat.toFixed(2)} m`];
     shown.filter((entry) => entry.layer.colours).forEach((entry) => {
-      const value = valueAt(entry, latlng);
+      const value = valueAt(entry, point);
       if (value !== null) parts.push(`${entry.layer.label.toLowerCase()} ${entry.layer.unit < 1 ? value.toFixed(2) : value}`);
     });
     readout.textContent = parts.join("     ");
-  });
-  map.on("mouseout", () => { readout.textContent = hint; });
+  }
+  map.on("mousemove", ({ latlng }) => tell(latlng));
+  place.addEventListener("mouseleave", () => tell(null));  // Leaflet tells of no 'mouseout' from its canvas
   document.querySelectorAll("[data-sheet]").forEach((tab) =>
     tab.addEventListener("click", () => show(Number(tab.dataset.sheet))));
   show(0);
