@@ -111,13 +111,17 @@ def test_the_hint_is_for_a_mouse_where_there_is_one(merged, window):
     assert page.inner_text("#readout") == hint
 
 
-def test_one_tap_reads_position_and_values(merged):
+def test_a_touch_screen_has_its_own_hint_and_one_tap_reads_position_and_values(merged):
     with browser_window(390, 844, is_touched=True) as window:
         opened = OpenPage(window, merged / "report.html")
         page = opened.page
+        hint = "Tap the map to read positions and values. Drag to move, pinch to zoom."
+        assert page.inner_text("#readout") == hint
         page.locator("#map").tap()
         page.locator("#readout", has_text="conflict").wait_for(timeout=5000)
         assert re.match(r"x -?\d+\.\d\d m   y -?\d+\.\d\d m ", page.inner_text("#readout"))
+        page.locator("h1").tap()
+        assert page.inner_text("#readout") == hint
         assert opened.complaints == []
 
 
