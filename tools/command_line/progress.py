@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from multiprocessing import parent_process
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from numba.core.event import Listener, register, unregister
@@ -28,7 +29,8 @@ _COUNTING = "{desc}: {n_fmt}/{total_fmt}{unit}{postfix}"
 class Compiling(Listener):
     """Announces that functions are compiled, and counts them on the bars.
 
-    Functions from the cache are not compiled. The time of compilation does not count in the rate of a bar.
+    Where no bar is shown, a line of the terminal counts them while one is compiled. Functions from the cache are not
+    compiled. The time of compilation does not count in the rate of a bar.
     """
 
     def __init__(self) -> None:
@@ -36,6 +38,7 @@ class Compiling(Listener):
         self._count = self._depth = 0
         self._began = self._seconds = 0.0
         self._bars: list[tqdm[Any]] = []
+        self._line: tqdm[Any] | None = None
 
     @contextmanager
     def counted_on(self, bar: "tqdm[Any]") -> Iterator[None]:
@@ -47,25 +50,39 @@ class Compiling(Listener):
             self._bars.remove(bar)
 
     def on_start(self, event: Any) -> None:  # noqa: ARG002  # the name is numba's
-        """Announce the first compilation above the bars."""
+        """Announce the first compilation above the bars; show the line where there is none."""
         if not self._depth:
             self._began = time.perf_counter()
         self._depth += 1
         if sys.stderr is not None and sys.stderr.isatty():
             self._announce()
+            if not self._bars and self._line is None and parent_process() is None:  # a worker's parent has a bar
+                self._line = tqdm(desc="compiling", bar_format="{desc}{postfix}", leave=False, postfix=self._counted())
 
     def on_end(self, event: Any) -> None:  # noqa: ARG002
         """Count a function that is compiled; functions that it calls are compiled within its time."""
         self._depth -= 1
+        self._count += 1
+        if self._line is not None:
+            self._line.set_postfix_str(self._counted())
         if not self._depth:
             self._seconds += time.perf_counter() - self._began
+            self._remove_line()
         if self._seconds > _LONG_S:
             self._announce()
-        self._count += 1
         for bar in self._bars:
             bar.unpause()
             bar.bar_format = _COUNTING
-            bar.set_postfix_str(in_number(self._count, "function compiled", "functions compiled"))
+            bar.set_postfix_str(self._counted())
+
+    def _counted(self) -> str:
+        return in_number(self._count, "function compiled", "functions compiled") if self._count else ""
+
+    def _remove_line(self) -> None:
+        """Remove the line, for whatever the program prints next."""
+        if self._line is not None:
+            self._line.close()
+            self._line = None
 
     def _announce(self) -> None:
         if not self._is_announced and sys.stderr is not None:

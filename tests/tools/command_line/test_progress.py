@@ -1,4 +1,6 @@
 import io
+import itertools
+import re
 import sys
 
 import numba
@@ -8,6 +10,8 @@ from numba.core import event
 from tbmslam.parallel.executor import Progress
 from tools.command_line import progress
 from tools.command_line.progress import Compiling, ProgressBars, announce_compiling
+
+ANNOUNCED = "compiling for this machine: a minute or two, the first time only"
 
 
 class Terminal(io.StringIO):
@@ -33,11 +37,66 @@ def twice_compiled():
         assert numba.njit(lambda x, n=number: x + n)(1) == 1 + number
 
 
+def left_on_screen(text):
+    """Return the lines that a terminal shows after a text; what follows a carriage return overwrites its line."""
+    lines = []
+    for line in text.split("\n"):
+        shown = ""
+        for part in line.split("\r"):
+            shown = part + shown[len(part) :]
+        lines.append(shown.rstrip())
+    return lines
+
+
 def test_compilation_is_reported_once(listener, monkeypatch):
     stream = Terminal()
     monkeypatch.setattr(sys, "stderr", stream)
     twice_compiled()
-    assert stream.getvalue().splitlines() == ["compiling for this machine: a minute or two, the first time only"]
+    assert left_on_screen(stream.getvalue()) == [ANNOUNCED, ""]
+
+
+def test_what_is_compiled_outside_of_any_bar_is_counted_on_a_line_that_vanishes(listener, monkeypatch):
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr("tools.command_line.progress.announce_compiling", lambda: listener)
+    shown = []
+    monkeypatch.setattr(stream, "flush", lambda: shown.append(left_on_screen(stream.getvalue())[-1]))
+    twice_compiled()
+    list(ProgressBars().shown(range(2), "mapping", 2, "scans"))
+    twice_compiled()
+    lines = [line for line, before in itertools.pairwise([*shown, ""]) if line != before]
+    assert [line for line in lines if line.startswith("compiling")] == [
+        "compiling",
+        "compiling, 1 function compiled",
+        "compiling, 1 function compiled",
+        "compiling, 2 functions compiled",
+        "compiling, 2 functions compiled",
+        "compiling, 3 functions compiled",
+        "compiling, 3 functions compiled",
+        "compiling, 4 functions compiled",
+    ]
+    assert left_on_screen(stream.getvalue()) == [ANNOUNCED, ""]
+
+
+def test_what_functions_call_is_counted_on_the_same_line(listener, monkeypatch):
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    called = numba.njit(lambda x: x + 1)
+    assert numba.njit(lambda x: called(x) + 1)(1) == 3
+    _, _, said = stream.getvalue().partition("\n")
+    assert re.findall(r"[a-z][a-z0-9, ]*", said) == [
+        "compiling",
+        "compiling, 1 function compiled",
+        "compiling, 2 functions compiled",
+    ]
+
+
+def test_a_worker_leaves_the_line_to_the_bar_of_its_parent(listener, monkeypatch):
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr("tools.command_line.progress.parent_process", object)
+    twice_compiled()
+    assert stream.getvalue() == f"{ANNOUNCED}\n"
 
 
 def test_what_is_compiled_is_counted_on_the_bar_and_its_time_is_no_work(listener, monkeypatch):
@@ -72,7 +131,7 @@ def test_a_log_is_told_of_a_long_compilation_once(listener, monkeypatch):
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
     twice_compiled()
-    assert stream.getvalue() == "compiling for this machine: a minute or two, the first time only\n"
+    assert stream.getvalue() == f"{ANNOUNCED}\n"
 
 
 def test_a_worker_tells_of_its_compilation_too():
