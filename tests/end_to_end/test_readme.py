@@ -2,8 +2,12 @@
 
 import importlib
 import math
+import os
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +17,7 @@ from datasets import downloading
 from tbmslam.commands import PROGRAMS
 from tbmslam.io.map_folder import load_map, save_map
 from tests.end_to_end.programs import report
+from tests.end_to_end.test_dependencies import NO_REGISTRY
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -24,10 +29,18 @@ COMMANDS = [
     for block in re.findall(r"```\w*\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
     for command in re.findall(r"^(?:python tools/\w+\.py|tbmslam) .+$", block.replace("\\\n", " "), re.MULTILINE)
 ]
-DONE_ELSEWHERE = {
-    "python3 -m venv .venv && . .venv/bin/activate": "test_wheel.py",
-    "pip install --no-compile .": "test_wheel.py",
-}
+INSTALLATION = ("python3 -m venv .venv && . .venv/bin/activate", "pip install --no-compile .")
+SOURCES = (
+    "tbmslam",
+    "merging",
+    "datasets",
+    "tools",
+    "docs",
+    "pyproject.toml",
+    "hatch_build.py",
+    "README.md",
+    "LICENSE",
+)
 
 pytestmark = pytest.mark.xdist_group("flat")
 
@@ -84,7 +97,7 @@ def test_every_line_of_the_readme_does_what_it_says(recordings, tmp_path):
     lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
     assert len(lines) >= 8
     for line in lines:
-        if line in DONE_ELSEWHERE:
+        if line in INSTALLATION:  # see below
             continue
         if "plan.yaml" in line:
             write_plan(tmp_path, tmp_path / "out" / "week" / "monday")
@@ -97,6 +110,33 @@ def test_every_line_of_the_readme_does_what_it_says(recordings, tmp_path):
     told = report(tmp_path / "out" / "on-plan")["maps"]["monday"]["T_merged_map"]
     assert told == pytest.approx([12.5, -3.0, math.pi / 2], abs=0.1)
     assert report(tmp_path / "out" / "room-merged")["merged"] is True
+
+
+@pytest.mark.slow
+def test_the_first_lines_install_what_the_others_run(tmp_path):
+    folder, bin_folder = tmp_path / "clone", tmp_path / "bin"
+    for name in SOURCES:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        copy(ROOT / name, folder / name)
+    bin_folder.mkdir()
+    (bin_folder / "python3").symlink_to(sys.executable)
+    assert all(line in README.splitlines() for line in INSTALLATION)
+    lines = [
+        *INSTALLATION,
+        "tbmslam --version",
+        *(f"python tools/{name}.py --help" for name in ("build_maps", "merge")),
+    ]
+    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    done = subprocess.run(  # noqa: S603 - the README's own lines
+        ["/bin/bash", "-e", "-c", "\n".join(lines)],
+        cwd=folder, env=environment | {"PATH": f"{bin_folder}:{environment['PATH']}"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if any(what in done.stderr for what in NO_REGISTRY):
+        pytest.skip("no package registry can be reached")
+    assert done.returncode == 0, done.stderr
+    assert [word for word in ("tbmslam 0.", "usage: build_maps", "usage: merge") if word not in done.stdout] == []
 
 
 def test_no_page_needs_a_clone_where_the_installed_program_does_the_same():
