@@ -168,8 +168,9 @@ def _register_refused(
 ) -> NonrigidRegistration | None:
     """Deform the source at the best poses of the correlation; return the registration if it is likely enough."""
     found = attempt(target, source, refused, config)
-    is_likely = found is not None and found.tests.confidence >= config.verification.min_confidence
-    return found.registration if found is not None and is_likely else None
+    if found is None or found.tests.confidence < config.verification.min_confidence:
+        return None
+    return found.registration
 
 
 class Attempt(NamedTuple):
