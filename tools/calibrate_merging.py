@@ -54,7 +54,7 @@ def _parser() -> ProgramParser:
         help=f"more pairs to fit on, with one map of each deformed; each counts for {SIMULATED:g}",
     )  # fmt: skip
     grammar.add_argument(
-        "--strangers", type=int, default=0, metavar="N",
+        "--strangers", type=number_within(int, 0), default=0, metavar="N",
         help=f"N pairs of `benchmark strangers --seed {STRANGERS_SEED}` to fit on; each counts for {SIMULATED:g}",
     )  # fmt: skip
     grammar.add_argument("-o", "--out", type=path_argument, metavar="FILE", help="write the fitted model here")
@@ -74,18 +74,17 @@ def _run(args: argparse.Namespace) -> None:
     from tools.calibration.model_fit import fit_model, held_out
 
     config, executor = MergeConfig(), Executor(args.workers)
-    by_folder = {folder: trials_of(folder, config, executor) for folder in args.pairs}
-    by_folder |= {folder: trials_of(folder, config, executor, SIMULATED) for folder in args.simulated}
-    by_folder |= {folder: trials_of(folder, config, executor, SIMULATED, bent=True) for folder in args.bent}
+    groups = [(str(folder), trials_of(folder, config, executor)) for folder in args.pairs]
+    groups += [(str(folder), trials_of(folder, config, executor, SIMULATED)) for folder in args.simulated]
+    groups += [(f"{folder}, bent", trials_of(folder, config, executor, SIMULATED, bent=True)) for folder in args.bent]
     if args.strangers:
-        by_folder[Path("strangers")] = strangers(args.strangers, config, executor)
-    trials = [trial for folder in by_folder.values() for trial in folder]
+        groups.append(("strangers", strangers(args.strangers, config, executor)))
+    trials = [trial for _, group in groups for trial in group]
     judged = held_out(trials, executor)
     in_order = iter(judged)
-    for folder, its in by_folder.items():
-        print(
-            f"{folder}, by models fitted without its buildings\n{acceptance_table(list(islice(in_order, len(its))))}\n"
-        )
+    for name, group in groups:
+        table = acceptance_table(list(islice(in_order, len(group))))
+        print(f"{name}, by models fitted without its buildings\n{table}\n")
     print(f"all pairs, by models fitted without their buildings\n{calibration_table(judged, BINS)}")
     if args.plot:
         write_bytes(args.plot, draw_calibration(judged, BINS))

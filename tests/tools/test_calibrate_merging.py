@@ -1,0 +1,25 @@
+import pytest
+
+from tests.tools.calibration.test_model_fit import trials
+from tools import calibrate_merging
+
+
+def test_a_folder_in_several_lists_counts_in_each(monkeypatch, capsys):
+    monkeypatch.setattr(calibrate_merging, "trials_of", lambda *_, **__: trials(12))
+    assert calibrate_merging.main(["a", "--simulated", "a", "--bent", "a", "--workers", "1"]) == 0
+    tables = capsys.readouterr().out.split("\n\n")
+    assert [table.splitlines()[0] for table in tables] == [
+        "a, by models fitted without its buildings",
+        "a, by models fitted without its buildings",
+        "a, bent, by models fitted without its buildings",
+        "all pairs, by models fitted without their buildings",
+    ]
+    counted = [int(line.split("|")[2]) for line in tables[-1].splitlines()[3:]]
+    assert sum(counted) == 3 * 12
+
+
+@pytest.mark.parametrize("count", ["-5", "1.5"])
+def test_a_number_of_strangers_is_not_negative(usage_error, count):
+    assert f"--strangers: must be a whole number of at least 0, got '{count}'" in usage_error(
+        calibrate_merging.main, ["a", "--strangers", count]
+    )
