@@ -45,9 +45,7 @@ def parser(program: str = "convert") -> argparse.ArgumentParser:
     grammar.add_argument("out", type=path_argument, metavar="OUT", help="folder or file to write")
     picture = grammar.add_argument_group("size of a pixel of a picture")
     picture.add_argument("--resolution", type=float, metavar="M", help="side of a pixel")
-    picture.add_argument(
-        "--origin", type=float, nargs=2, default=(0.0, 0.0), metavar=("X", "Y"), help="its lower left corner (0 0)"
-    )
+    picture.add_argument("--origin", type=float, nargs=2, metavar=("X", "Y"), help="its lower left corner (0 0)")
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 
@@ -62,20 +60,20 @@ def _run(args: argparse.Namespace) -> None:
     check_exist([args.map], "does not exist: give a map's folder or file")
     ending = _format_of(args.out)
     refuse_to_overwrite(_files_read(args.map), _files_written(args.out, ending))
-    tbm_map = _read(args.map, args.resolution, tuple(args.origin))
+    tbm_map = _read(args.map, args.resolution, args.origin and tuple(args.origin))
     _write(args.out, ending, tbm_map)
     print(f"{args.map}: {tbm_map.grid.summary()} -> {args.out}")
 
 
-def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> "TbmMap":
+def _read(path: Path, resolution: float | None, origin: tuple[float, float] | None) -> "TbmMap":
     from tbmslam.io.map_folder import load_map
     from tbmslam.map.tbm_map import TbmMap
 
     ending = path.suffix.lower()
     if ending in _PICTURES and not path.is_dir():
         return _read_picture(path, resolution, origin)
-    if resolution is not None:
-        raise TbmSlamError(f"{path}: is not a picture and holds the size of its cells: drop --resolution")
+    if resolution is not None or origin is not None:
+        raise TbmSlamError(f"{path}: is not a picture and states its cells: drop --resolution and --origin")
     if ending == ".g2o":
         raise TbmSlamError(f"{path}: is only written, not read: give a map's folder or file")
     if ending in (".tif", ".tiff"):
@@ -89,7 +87,7 @@ def _read(path: Path, resolution: float | None, origin: tuple[float, float]) -> 
     return load_map(path)
 
 
-def _read_picture(path: Path, resolution: float | None, origin: tuple[float, float]) -> "TbmMap":
+def _read_picture(path: Path, resolution: float | None, origin: tuple[float, float] | None) -> "TbmMap":
     """Return the map of a picture, whose place is stated by options or else by a world file beside it."""
     from tbmslam.io.pictures import read_world_file
     from tbmslam.map.map_image import read_image
@@ -98,10 +96,12 @@ def _read_picture(path: Path, resolution: float | None, origin: tuple[float, flo
     world_file = path.with_suffix(".pgw")
     if resolution is None and not world_file.is_file():
         raise TbmSlamError(f"{path}: a picture holds no size of its pixels: pass --resolution")
+    if resolution is None and origin is not None:
+        raise TbmSlamError(f"{path}: its world file states the origin: drop --origin, or pass --resolution")
     if resolution is None:
         geometry = read_world_file(world_file, *read_image(path).pixels.shape[:2])
         resolution, origin = geometry.resolution, (geometry.origin_x, geometry.origin_y)
-    return TbmMap.from_image(path, resolution, origin)
+    return TbmMap.from_image(path, resolution, origin or (0.0, 0.0))
 
 
 def _format_of(out: Path) -> str:

@@ -49,8 +49,9 @@ def test_a_picture_needs_the_size_of_its_pixels(plan, tmp_path, capsys):
     made = load_map(tmp_path / "out")
     assert made.grid.geometry == pytest.approx((0.1, -3.0, 4.0, 10, 20))
     assert (made.to_occupancy()[7] == 100).all()
-    assert run(plan, tmp_path / "x", "--resolution", 0.1) == 1
-    assert "is not a picture and holds the size of its cells: drop --resolution" in capsys.readouterr().err
+    for words in (("--resolution", 0.1), ("--origin", -3, 4), ("--origin", 0, 0)):
+        assert run(plan, tmp_path / "x", *words) == 1
+        assert "is not a picture and states its cells: drop --resolution and --origin" in capsys.readouterr().err
 
 
 def test_a_world_file_beside_a_picture_states_where_it_lies(plan, tmp_path, capsys):
@@ -63,6 +64,8 @@ def test_a_world_file_beside_a_picture_states_where_it_lies(plan, tmp_path, caps
     assert run(tmp_path / "again.png", tmp_path / "other", "--resolution", 0.1) == 0  # what is typed counts
     assert load_map(tmp_path / "other").grid.geometry == pytest.approx((0.1, 0.0, 0.0, 30, 40))
     capsys.readouterr()
+    assert run(tmp_path / "again.png", tmp_path / "third", "--origin", 0, 0) == 1
+    assert "again.png: its world file states the origin: drop --origin, or pass --resolution" in capsys.readouterr().err
     for text in ("0.05\n0\n0\n-0.05\n1\n", "0.05\n0.01\n0\n-0.05\n1\n2\n", "0.05\n0\n0\n-0.06\n1\n2\n", "a\n" * 6):
         (tmp_path / "again.pgw").write_text(text)
         assert run(tmp_path / "again.png", tmp_path / "back") == 1
