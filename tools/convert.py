@@ -27,7 +27,7 @@ formats:
   a name without ending  map folder
   .npz        beliefs, drives and keyframes
   .yaml .yml  ROS map with its picture
-  .png        ROS map's picture with a world file (.pgw; in: or with --resolution)
+  .png        picture of a ROS map with a world file (.pgw; an input without a world file needs --resolution)
   .tif .tiff  GeoTIFF with beliefs (needs the extra tbmslam[geotiff])
   .bag .mcap  nav_msgs/OccupancyGrid, out on /map
   .tbm_map    dump of the original programs

@@ -73,7 +73,8 @@ def _list() -> None:
         shown = recording.page
         size = f"{recording.megabytes:g} MB" if recording.megabytes else "size unknown"
         print(f"  {recording.name:27} {size:>13}  {recording.about}{'' if recording.reached else ' *'}")
-    print("* This address was never tested.")
+    if not all(recording.reached for recording in known_recordings().values()):
+        print("Addresses marked with * were never tested.")
 
 
 def _download(recording: "KnownRecording", out: Path) -> None:

@@ -18,7 +18,14 @@ def test_the_list_is_honest_about_what_was_tried(capsys):
     assert "  truth: true poses of the laser for 17 drives (BAG_partN_floor2.gt.laser.poses) and the floor plans" in out
     assert out.count("  truth: ") == 1
     assert "cite: M. Fallon" in out
-    assert "* This address was never tested" in out
+    assert out.endswith("\nAddresses marked with * were never tested.\n")
+
+
+def test_a_list_of_tried_addresses_has_no_note(monkeypatch, capsys):
+    tried = {"a": dataclasses.replace(downloading.known_recording("freiburg/intel"), reached=True)}
+    monkeypatch.setattr(downloading, "known_recordings", lambda: tried)
+    assert download.main(["--list"]) == 0
+    assert "*" not in capsys.readouterr().out
 
 
 def test_a_recording_is_put_where_the_next_command_finds_it(tmp_path, monkeypatch, capsys):
