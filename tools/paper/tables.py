@@ -97,7 +97,7 @@ def _wins(study: Study, first: str, other: str) -> Wins:
     for row in _rows_of(study):
         mine, theirs = (study.shares[Setting(*row, letter)] for letter in (first, other))
         total += 1
-        if _mean(mine) > _mean(theirs):
+        if _mean(mine - theirs) > 0.0:
             higher += 1
             sure += paired_p_value(theirs, mine) <= 1.0 - LEVEL
     return Wins(higher, sure, total)

@@ -17,6 +17,15 @@ def study(better, sure):
     return Study(shares=shares, matches={}, found={})
 
 
+def test_only_pairs_with_matches_of_both_joins_are_compared():
+    """(e) is worse in each pair where both have matches; only its other pair has a high share."""
+    shares = {letter: np.array([0.5, 0.6, np.nan]) for letter in MODIFICATIONS}
+    shares["e"] = np.array([0.4, 0.5, 1.0])
+    settings = {Setting(100, 0.7, letter): values for letter, values in shares.items()}
+    one = Study(shares=settings, matches={}, found={})
+    assert conclusions(Results(one, one))[0] == ("as written", (0, 0, 1), (0, 0, 1))
+
+
 class Results:
     def __init__(self, written, programmed):
         self.studies = {AS_WRITTEN: written, AS_PROGRAMMED: programmed}
