@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merging.fusion import fuse, warp
+from merging.fusion import fuse
 from tbmslam.belief.grid import TbmGrid
+from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import UNKNOWN, VACUOUS
 from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray
 
@@ -39,15 +40,9 @@ class MapPair:
 
     def overlap(self) -> float:
         """Return the true overlap, as a share of the smaller map's known cells."""
-        placed = warp(self.source, self.T_target_source, self.target.geometry)
-        step = self.target.geometry.resolution
-        row = round((placed.geometry.origin_y - self.target.geometry.origin_y) / step)
-        col = round((placed.geometry.origin_x - self.target.geometry.origin_x) / step)
-        rows, cols = np.nonzero(placed.is_known())
+        there = resample(self.source, self.T_target_source, self.target.geometry).is_known()
         known = self.target.is_known()
-        inside = (rows + row >= 0) & (rows + row < known.shape[0]) & (cols + col >= 0) & (cols + col < known.shape[1])
-        shared = known[rows[inside] + row, cols[inside] + col].sum()
-        return float(shared / max(min(len(rows), known.sum()), 1))
+        return float((there & known).sum() / max(min(self.source.is_known().sum(), known.sum()), 1))
 
 
 SHARE = 0.51
