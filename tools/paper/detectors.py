@@ -14,7 +14,7 @@ import numpy.typing as npt
 from merging.config.registration import Descriptor, FeatureConfig
 from merging.registration.features import ORB_EDGE, Channels, Image, joined, orb_of
 from tbmslam.belief.grid import TbmGrid
-from tbmslam.geometry.se2 import FloatArray
+from tbmslam.geometry.se2 import BoolArray, FloatArray
 from tools.paper.map_pair import MapPair
 
 
@@ -120,12 +120,20 @@ def compare_detectors(pair: MapPair, keypoints: int, ratio: float, tolerance_m: 
 
 def share_of_inliers(matches: DescriptorMatches, threshold_m: float) -> float:
     """Return the share of matches within a distance [m] of the affine transform that RANSAC finds; nan for none."""
-    if len(matches.ratios) < 3:
-        return float("nan")
-    matrix, inliers = cv2.estimateAffine2D(
-        matches.source_points, matches.target_points, ransacReprojThreshold=threshold_m
-    )
-    return float("nan") if matrix is None else float(np.asarray(inliers).mean())
+    matrix, inliers = affine_of(matches.target_points, matches.source_points, threshold_m)
+    return float("nan") if matrix is None else float(inliers.mean())
+
+
+def affine_of(target: FloatArray, source: FloatArray, threshold_m: float) -> tuple[FloatArray | None, BoolArray]:
+    """Fit an affine transform to matches (M, 2) [m] like the paper's program, which uses OpenCV's defaults.
+
+    Return the transform (2, 3), or None if there is none, and which matches (M,) are within the distance [m] of it.
+    """
+    if len(source) < 3:
+        return None, np.zeros(len(source), dtype=np.bool_)
+    matrix, inliers = cv2.estimateAffine2D(source, target, ransacReprojThreshold=threshold_m)
+    found = None if matrix is None else np.asarray(matrix, dtype=np.float64)
+    return found, np.asarray(inliers, dtype=np.bool_).ravel()
 
 
 def _described(grid: TbmGrid, detector: Detector, count: int) -> Described:

@@ -3,7 +3,6 @@
 import time
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy import stats
 
@@ -15,7 +14,7 @@ from merging.registration.features import describe_all, match
 from merging.registration.ransac import find_consensus
 from tbmslam.geometry.se2 import FloatArray
 from tbmslam.map.tbm_map import TbmMap
-from tools.paper.detectors import RANSAC_PIXELS
+from tools.paper.detectors import RANSAC_PIXELS, affine_of
 from tools.paper.map_pair import MapPair
 
 
@@ -43,7 +42,7 @@ def measure_transforms(pair: MapPair, config: MergeConfig, tolerance_m: float) -
     features = describe_all([pair.target, pair.source], config.features)
     matches = match(features[0], features[1], config.features)
     target, source = matches.target_points, matches.source_points
-    affine = _affine(target, source, RANSAC_PIXELS * pair.target.geometry.resolution)
+    affine, _ = affine_of(target, source, RANSAC_PIXELS * pair.target.geometry.resolution)
     apart = None if affine is None else np.hypot(*(source @ affine[:, :2].T + affine[:, 2] - target).T)
     consensus = find_consensus(matches, config.consensus)
     found = align(TbmMap(pair.target), TbmMap(pair.source), MergeConfig())
@@ -59,14 +58,6 @@ def measure_transforms(pair: MapPair, config: MergeConfig, tolerance_m: float) -
         if found.accepted and found.T_target_source is not None
         else None,
     )
-
-
-def _affine(target: FloatArray, source: FloatArray, threshold_m: float) -> FloatArray | None:
-    """Return the affine transform (2, 3) of the paper's program, which uses OpenCV's defaults."""
-    if len(source) < 3:
-        return None
-    matrix, _ = cv2.estimateAffine2D(source, target, ransacReprojThreshold=threshold_m)
-    return None if matrix is None else np.asarray(matrix, dtype=np.float64)
 
 
 @dataclass(frozen=True)
