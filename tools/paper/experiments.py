@@ -2,7 +2,6 @@
 
 import itertools
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps, make_world
 from tools.command_line.measurement_record import describe_machine
 from tools.map_pairs.known_pair import KnownPair
+from tools.mapping.task import valid_json
 from tools.mapping.truth_file import NAME as TRUTH_FILE
 from tools.mapping.truth_file import read_truth_file
 from tools.paper.detectors import DetectorResult, Study, Variant, compare_detectors, compare_modifications
@@ -175,14 +175,14 @@ def run_experiments(
 
 
 def record_of(results: PaperResults, settings: PaperSettings, command: str) -> dict[str, object]:
-    """Return all measured numbers by table; None where there is none."""
+    """Return all measured numbers by table for JSON; None where there is none."""
     studies = [
         {
             **variant._asdict(),
             "rows": [
                 {
                     **setting._asdict(),
-                    "shares": [_number(share) for share in shares.tolist()],
+                    "shares": shares.tolist(),
                     "matches": study.matches[setting].tolist(),
                 }
                 for setting, shares in study.shares.items()
@@ -191,26 +191,19 @@ def record_of(results: PaperResults, settings: PaperSettings, command: str) -> d
         }
         for variant, study in results.studies.items()
     ]
-    return {
-        "command": command,
-        "settings": asdict(settings),
-        "machine": describe_machine(),
-        "table_1": {
-            pair: {name: _numbers(list(asdict(result).items())) for name, result in by.items()}
-            for pair, by in results.detectors.items()
-        },
-        "table_2": studies,
-        "table_3": {pair: asdict(result) for pair, result in results.transforms.items()},
-        "table_4": {
-            pair: {"area_m2": result.area_m2, "milliseconds": result.milliseconds.tolist()}
-            for pair, result in results.durations.items()
-        },
-    }
-
-
-def _numbers(items: Sequence[tuple[str, float]]) -> dict[str, float | None]:
-    return {key: _number(value) for key, value in items}
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return valid_json(
+        {
+            "command": command,
+            "settings": asdict(settings),
+            "machine": describe_machine(),
+            "table_1": {
+                pair: {name: asdict(result) for name, result in by.items()} for pair, by in results.detectors.items()
+            },
+            "table_2": studies,
+            "table_3": {pair: asdict(result) for pair, result in results.transforms.items()},
+            "table_4": {
+                pair: {"area_m2": result.area_m2, "milliseconds": result.milliseconds.tolist()}
+                for pair, result in results.durations.items()
+            },
+        }
+    )

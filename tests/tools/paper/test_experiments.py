@@ -1,5 +1,7 @@
 import json
+import math
 
+import numpy as np
 import pytest
 
 from merging.fusion import fuse, place
@@ -8,7 +10,8 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import save_map
 from tbmslam.map.tbm_map import TbmMap
 from tools.mapping.truth_file import OWN_MAP
-from tools.paper.experiments import load_pairs, pair_of_area
+from tools.paper.detectors import AS_WRITTEN, DetectorResult, Setting, Study
+from tools.paper.experiments import PaperResults, PaperSettings, load_pairs, pair_of_area, record_of
 
 
 def test_pairs_are_loaded_with_their_true_poses(tmp_path):
@@ -46,3 +49,20 @@ def test_a_pair_fills_its_area(area_m2):
     merged = fuse([pair.target, place(pair.source, pair.T_target_source, pair.target.geometry)]).grid.geometry
     assert merged.rows * merged.cols * merged.resolution**2 == pytest.approx(area_m2, rel=0.01)
     assert pair.overlap() > 0.2
+
+
+def test_no_number_is_null_in_the_record():
+    setting = Setting(100, 0.7, "b")
+    study = Study({setting: np.array([math.nan, 0.5])}, {setting: np.array([0, 2])}, {100: np.array([90, 95])})
+    detectors = {"a - b": {"ORB": DetectorResult(0, math.nan, math.nan)}}
+    results = PaperResults(detectors, {AS_WRITTEN: study}, {}, {}, None, None)
+    record = record_of(results, PaperSettings((100,), (0.7,), 100, 0.7, 0.5, (), 2), "reproduce_paper -o out")
+    assert json.loads(json.dumps(record, allow_nan=False)) == record
+    assert record["command"] == "reproduce_paper -o out"
+    assert record["settings"]["keypoints"] == [100]
+    assert record["table_1"]["a - b"]["ORB"] == {"matches": 0, "share_right": None, "share_inliers": None}
+    (table,) = record["table_2"]
+    assert (table["bits"], table["unknown"], table["found"]) == (128, "as it is", {"100": [90, 95]})
+    assert table["rows"] == [
+        {"keypoints": 100, "ratio": 0.7, "modification": "b", "shares": [None, 0.5], "matches": [0, 2]}
+    ]
