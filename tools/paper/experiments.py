@@ -107,17 +107,17 @@ VARIANTS = (Variant(128, "as it is"), Variant(256, "as it is"), Variant(128, "in
 class PaperSettings:
     """The settings of the experiments."""
 
-    keypoints: tuple[int, ...] = (100, 500, 1000, 2500, 5000)
-    ratios: tuple[float, ...] = (0.5, 0.6, 0.7, 0.8)
-    """Rows of table II; the middle ones also serve the other tables."""
-    default_keypoints: int = 1000
-    default_ratio: float = 0.7
-    """Default of the paper's program."""
-    tolerance_m: float = 0.5
+    keypoints: tuple[int, ...]
+    ratios: tuple[float, ...]
+    """Rows of table II."""
+    default_keypoints: int
+    default_ratio: float
+    """The row of table II whose settings serve the other tables."""
+    tolerance_m: float
     """Largest distance of a right match from its true position [m]."""
-    areas_m2: tuple[float, ...] = (4125.0, 4900.0, 5625.0, 8700.0, 12100.0, 13200.0)
+    areas_m2: tuple[float, ...]
     """Areas of table IV for which pairs are cut from a building [m^2]."""
-    repeats: int = 10
+    repeats: int
 
     @property
     def features(self) -> FeatureConfig:

@@ -70,13 +70,13 @@ class DurationResult:
     """Wall time (R,) of each run [ms]."""
 
 
-def measure_durations(pair: MapPair, repeats: int, features: FeatureConfig | None = None) -> DurationResult:
+def measure_durations(pair: MapPair, repeats: int, features: FeatureConfig) -> DurationResult:
     """Time the paper's algorithm 1: keypoints, descriptors, matching, transform, and disjunctive fusion at the truth.
 
     A first run is not counted. If the keypoints find no transform, or a wrong one, the maps are fused at the true one,
     so that every run has the same work.
     """
-    config = MergeConfig(features=features or FeatureConfig())
+    config = MergeConfig(features=features)
     taken = np.empty(repeats + 1)
     area_m2 = 0.0
     for run in range(repeats + 1):
