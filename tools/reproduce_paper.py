@@ -31,13 +31,11 @@ EXAMPLES = """examples:
   python tools/reproduce_paper.py --maps out/paper/maps --tolerance 0.3 -o out/paper-strict
       existing maps (a folder that `tbmslam map` wrote, with its truth.json)
 """
+_MAPPING = ("--preset", "viny", "--set", "map.resolution=0.1")
+"""Options of the mapping, as in the paper."""
 
 _PLURAL, _PAIRS = number_within(int, 2, 1000), number_within(int, 1, 16)
-_OVERLAP, _CELL, _POSITIVE = (
-    number_within(float, 0, 0.9),
-    number_within(float, 1e-3, 10),
-    number_within(float, 1e-6, 1e6),
-)
+_OVERLAP, _POSITIVE = number_within(float, 0, 0.9), number_within(float, 1e-6, 1e6)
 _COUNTS, _NUMBERS = comma_separated(number_within(int, 1)), comma_separated(_POSITIVE)
 
 
@@ -60,10 +58,6 @@ def parser() -> argparse.ArgumentParser:
     maps.add_argument("--robots", type=_PLURAL, default=5, metavar="N", help="robots that recordings are cut into (5)")
     maps.add_argument(
         "--overlap", type=_OVERLAP, default=0.8, metavar="F", help="common share of two robots' paths (0.8)"
-    )
-    maps.add_argument("--preset", type=_preset, default="viny", help="preset of the SLAM (viny, as in the paper)")
-    maps.add_argument(
-        "--resolution", type=_CELL, default=0.1, metavar="M", help="side of a cell (0.1, as in the paper)"
     )
     paper = grammar.add_argument_group("experiments")
     paper.add_argument("--pairs", type=_PAIRS, default=10, metavar="N", help="largest number of pairs, to 16 (10)")
@@ -91,14 +85,6 @@ def _areas(text: str) -> list[float]:
     return _NUMBERS(text) if text else []
 
 
-def _preset(text: str) -> str:
-    from tbmslam.configuration.slam_config import PRESETS
-
-    if text not in PRESETS:
-        raise argparse.ArgumentTypeError(f"there is no {text!r}; there are {', '.join(PRESETS)}")
-    return text
-
-
 def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
     import json
 
@@ -118,16 +104,15 @@ def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
 def _make_maps(args: argparse.Namespace) -> Path:
     from tools.paper.experiments import map_recordings, map_simulated, simulate_recordings
 
-    how = ["--preset", args.preset, "--set", f"map.resolution={args.resolution}"]
     if args.recordings:
         cut = ["--robots", str(args.robots), "--overlap", str(args.overlap)]
-        return map_recordings(args.recordings, args.out / "maps", [*how, *cut])
+        return map_recordings(args.recordings, args.out / "maps", [*_MAPPING, *cut])
     _say("simulating drives")
     world = ["--world", args.world, "--odometry", "good", "--rate", "5"]
     world += [] if args.duration is None else ["--duration", str(args.duration)]
     bags = simulate_recordings(args.out / "bags", world, args.drives, args.seed)
     _say("mapping")
-    return map_simulated(bags, args.out / "maps", how)
+    return map_simulated(bags, args.out / "maps", _MAPPING)
 
 
 def _settings(args: argparse.Namespace) -> "PaperSettings":
@@ -169,7 +154,7 @@ def _report(
         settings=settings,
         command=command,
         share=SHARE,
-        source=f"maps from {args.maps}" if args.maps else f"maps of {made}, made by the preset {args.preset}",
+        source=f"maps from {args.maps}" if args.maps else f"maps of {made}, made by the preset viny",
         truth_is_exact=not (args.recordings or args.maps),
         settings_table=Table("Exact settings", ["parameter", "value"], rows),
         **values_of(pairs, results, settings),

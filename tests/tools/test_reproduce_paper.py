@@ -81,8 +81,6 @@ def test_maps_without_truth_are_one_line_and_exit_1(tmp_path, capsys):
         (["--ratios", ""], "--ratios: must be a number within 1e-06 and 1e+06, got ''"),
         (["--drives", "1000000"], "--drives: must be a whole number within 2 and 1000, got '1000000'"),
         (["--repeat", "1"], "--repeat: must be a whole number within 2 and 1000, got '1'"),
-        (["--resolution", "nan"], "--resolution: must be a number within 0.001 and 10, got 'nan'"),
-        (["--preset", "none"], "--preset: there is no 'none'; there are default, viny"),
         (["--world", "nowhere"], "invalid choice: 'nowhere'"),
         (["--maps", ""], "the name of a file is empty"),
     ],
