@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from tools import paper
 from tools.command_line.options import comma_separated, number_within
 from tools.command_line.paths import path_argument
-from tools.command_line.program import ProgramParser, run_program
+from tools.command_line.program import ProgramParser, run_program, say, typed_command
 from tools.make_world import WORLDS
 
 if TYPE_CHECKING:
@@ -77,15 +77,15 @@ def main(argv: list[str] | None = None) -> int:
     args = grammar.parse_args(argv)
     if args.maps is not None and args.recordings:
         grammar.error("--maps replaces recordings: give one of them")
-    words = sys.argv[1:] if argv is None else argv
-    return run_program("reproduce_paper", lambda: _reproduce(args, words), debug=args.debug)
+    command = typed_command("reproduce_paper", argv)
+    return run_program("reproduce_paper", lambda: _reproduce(args, command), debug=args.debug)
 
 
 def _areas(text: str) -> list[float]:
     return _NUMBERS(text) if text else []
 
 
-def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
+def _reproduce(args: argparse.Namespace, command: str) -> None:
     import json
 
     from tbmslam.io.atomic_file import write_text
@@ -95,7 +95,6 @@ def _reproduce(args: argparse.Namespace, words: "Sequence[str]") -> None:
     pairs = load_pairs(args.maps or _make_maps(args), args.pairs)
     settings = _settings(args)
     results = run_experiments(pairs, settings, _say)
-    command = " ".join(["reproduce_paper", *words])
     write_text(args.out / "figures.json", json.dumps(record_of(results, settings, command), indent=2) + "\n")
     write_text(args.out / "report.html", _report(args, command, pairs, settings, results))
     print(f"report -> {args.out / 'report.html'}")
@@ -164,7 +163,7 @@ def _report(
 
 def _say(text: str) -> None:
     """Show the progress on stderr."""
-    sys.stderr.write(f"reproduce_paper: {text}\n")
+    say(f"reproduce_paper: {text}")
 
 
 if __name__ == "__main__":
