@@ -58,8 +58,8 @@ def _add_trajectory(command: argparse.ArgumentParser) -> None:
         help="pose of the laser on the robot [m, m, deg] (as in the map beside EST.tum)",
     )  # fmt: skip
     step = command.add_argument_group("relative errors (with --truth)").add_mutually_exclusive_group()
-    step.add_argument("--step-m", type=float, metavar="M", help="length of a step (1)")
-    step.add_argument("--step-s", type=float, metavar="S", help="duration of a step instead")
+    step.add_argument("--step-m", type=number_within(float, 1e-6), metavar="M", help="length of a step (1)")
+    step.add_argument("--step-s", type=number_within(float, 1e-6), metavar="S", help="duration of a step instead")
     command.add_argument(
         "--max-stamp-difference", type=number_within(float, 0.0), metavar="S",
         help="largest difference of the stamps of matching poses (0.01; 0.001 for relations)",
@@ -86,7 +86,7 @@ def _add_map(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     place.add_argument("--refine", action="store_true", help="refine this pose by the distances between walls")
     command.add_argument(
-        "--min-evidence", type=float, default=0.0, metavar="F",
+        "--min-evidence", type=number_within(float, 0.0, 0.999), default=0.0, metavar="F",
         help="cells of a map with less mass on free and occupied count as unknown (0: any evidence counts)",
     )  # fmt: skip
     _add_output(command)
@@ -146,14 +146,9 @@ def _lines(values: Mapping[str, object], indent: str) -> list[str]:
 
 def _check(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     if args.command == "map":
-        if not 0.0 <= args.min_evidence < 1.0:
-            grammar.error(f"--min-evidence must be at least 0 and below 1, got {args.min_evidence:g}")
         if args.transform:
             _check_transform(grammar, args.transform)
         return
-    for option in ("step_m", "step_s"):
-        if getattr(args, option) is not None and not getattr(args, option) > 0.0:
-            grammar.error(f"--{option.replace('_', '-')} must be positive")
     if args.relations and (args.step_m or args.step_s):
         grammar.error("relations have steps of their own: drop --step-m and --step-s")
     if args.map and not args.picture:

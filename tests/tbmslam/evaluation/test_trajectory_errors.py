@@ -165,6 +165,11 @@ def test_a_perfect_estimate_in_another_frame_has_no_error():
     assert relative.rotations_deg.max() < 1e-9
 
 
+@pytest.mark.parametrize("step", [1e-6, 1e-300])
+def test_a_step_as_short_as_no_number_ends_at_each_pose(step):
+    assert len(relative_errors(winding(), winding(), distance=step).translations_m) == len(winding()) - 1
+
+
 def test_a_recorder_that_steps_back_passes_no_time_twice():
     stamps = np.array([0.0, 1.0, 0.5, 1.5, 2.5])
     drive = Trajectory(stamps, np.zeros((5, 3)))
