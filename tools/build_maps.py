@@ -20,6 +20,7 @@ from tools.command_line.options import (
     add_viewer_option,
     given_options,
     number_within,
+    options_from,
 )
 from tools.command_line.paths import check_exist, path_argument
 from tools.command_line.program import ProgramParser, loading, run_program
@@ -149,10 +150,8 @@ def _check_usage(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> 
 
 
 def _check_recording_options(grammar: argparse.ArgumentParser, args: argparse.Namespace) -> None:
-    from datasets import RecordingOptions
-
     try:
-        RecordingOptions(**given_options(args))
+        options_from(args)
     except ValueError as error:
         grammar.error(str(error))
 
