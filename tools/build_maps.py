@@ -86,7 +86,7 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
         "--split",
         choices=("distance", "time", "gaps"),
         default="distance",
-        help="criterion; gaps: see --gap (distance)",
+        help="split by distance, by time, or at gaps (see --gap) (distance)",
     )
     robots.add_argument(
         "--overlap", type=float, default=0.3, metavar="F", help="common share of neighbours' paths (0.3)"

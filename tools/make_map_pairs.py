@@ -58,7 +58,9 @@ def _parser() -> argparse.ArgumentParser:
     what.add_argument(
         "--parts", type=_PARTS, default=0, metavar="N", help="also pairs of the mirror image and of N parts"
     )
-    what.add_argument("--largest", type=_SIZE, default=math.inf, metavar="M2", help="largest known area of a pair")
+    what.add_argument(
+        "--largest", type=_SIZE, default=math.inf, metavar="M2", help="leave out pairs with a larger known area"
+    )
     what.add_argument(
         "--overlap", nargs="+", type=_PERCENT, default=PERCENT, metavar="PERCENT", help="overlaps of the maps"
     )
