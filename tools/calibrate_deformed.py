@@ -6,18 +6,24 @@ of two places than of one. The pairs are weighted accordingly.
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from functools import partial
 
+import numpy as np
+
+from datasets.synthetic.map_pairs.distortion import Distortion
+from datasets.synthetic.map_pairs.pairs import cut_pairs
+from merging.config import MergeConfig
+from merging.nonrigid.deformed_model import DeformedModel
+from tbmslam.io.atomic_file import write_text
+from tbmslam.parallel.executor import Executor
+from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, building_of, make_pair, meetings, some_part
+from tools.calibration.deformed_fit import DeformedTrial, fit_deformed, trial_of
 from tools.command_line.options import number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from merging.nonrigid.deformed_model import DeformedModel
-    from tools.calibration.deformed_fit import DeformedTrial
-    from tools.map_pairs.known_pair import KnownPair
+from tools.command_line.text_table import text_table
+from tools.map_pairs.known_pair import KnownPair
 
 EXAMPLES = """examples:
   python tools/%(prog)s.py -o merging/deformed_model.json
@@ -54,11 +60,6 @@ def _parser() -> ProgramParser:
 
 
 def _run(args: argparse.Namespace) -> None:
-    from tbmslam.io.atomic_file import write_text
-    from tbmslam.parallel.executor import Executor
-    from tools.benchmarks.strangers import meetings
-    from tools.calibration.deformed_fit import fit_deformed
-
     weight = STRANGERS_PER_PAIR * len(_USUAL_OVERLAPS) * args.buildings / args.strangers
     trials = [
         trial
@@ -76,17 +77,8 @@ def _run(args: argparse.Namespace) -> None:
         write_text(args.out, model.as_json())
 
 
-def pairs_of_building(number: int) -> "Iterator[KnownPair]":
+def pairs_of_building(number: int) -> Iterator[KnownPair]:
     """Yield pairs of maps of a simulated building, or of a part of one."""
-    from functools import partial
-
-    import numpy as np
-
-    from datasets.synthetic.map_pairs.distortion import Distortion
-    from datasets.synthetic.map_pairs.pairs import cut_pairs
-    from tools.benchmarks.strangers import building_of, some_part
-    from tools.map_pairs.known_pair import KnownPair
-
     rng = np.random.default_rng([_BUILDINGS_SEED, number])
     building = some_part(building_of(_BUILDINGS_SEED + number, rng), rng)
     bend_m = BENDS_M[number % len(BENDS_M)]
@@ -95,27 +87,19 @@ def pairs_of_building(number: int) -> "Iterator[KnownPair]":
     yield from map(KnownPair.of, cut_pairs(building, int(rng.integers(2**31)), overlaps, draw))
 
 
-def trials_of_building(number: int) -> "list[DeformedTrial | None]":
+def trials_of_building(number: int) -> list[DeformedTrial | None]:
     """Return the attempts at the pairs of a simulated building."""
-    from tools.calibration.deformed_fit import trial_of
-
     return [trial_of(pair) for pair in pairs_of_building(number)]
 
 
-def trials_of_strangers(number: int, weight: float) -> "list[DeformedTrial | None]":
+def trials_of_strangers(number: int, weight: float) -> list[DeformedTrial | None]:
     """Return the attempt at a pair of two places, with a weight."""
-    from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair
-    from tools.calibration.deformed_fit import trial_of
-
     turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
     return [trial_of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), weight)]
 
 
-def _report(trials: "Sequence[DeformedTrial]", model: "DeformedModel") -> str:
+def _report(trials: Sequence[DeformedTrial], model: DeformedModel) -> str:
     """Return a table of the attempts that are likely by the tests, and by the model."""
-    from merging.config import MergeConfig
-    from tools.command_line.text_table import text_table
-
     least = MergeConfig().verification.min_confidence
     passed = [trial for trial in trials if trial.tests.less_certain >= least]
     kept = [trial for trial in passed if model.confidence(trial.tests) >= least]

@@ -8,16 +8,19 @@ import argparse
 import sys
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from merging.config import MergeConfig
+from tbmslam.io.atomic_file import write_bytes, write_text
+from tbmslam.parallel.executor import Call, Executor
+from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair, meetings
+from tools.calibration.calibration_report import BINS, acceptance_table, calibration_table, draw_calibration
+from tools.calibration.model_fit import fit_model, held_out
+from tools.calibration.trial import Trial
 from tools.command_line.options import number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
-
-if TYPE_CHECKING:
-    from merging.config import MergeConfig
-    from tbmslam.parallel.executor import Executor
-    from tools.calibration.trial import Trial
+from tools.map_pairs.floors import shows_part
+from tools.map_pairs.known_pair import PairFileError, load_pair
 
 EXAMPLES = """examples:
   python tools/calibrate_merging.py pairs/ new-pairs/ -o merging/confidence_model.json
@@ -67,12 +70,6 @@ def _parser() -> ProgramParser:
 
 
 def _run(args: argparse.Namespace) -> None:
-    from merging.config import MergeConfig
-    from tbmslam.io.atomic_file import write_bytes, write_text
-    from tbmslam.parallel.executor import Executor
-    from tools.calibration.calibration_report import BINS, acceptance_table, calibration_table, draw_calibration
-    from tools.calibration.model_fit import fit_model, held_out
-
     config, executor = MergeConfig(), Executor(args.workers)
     groups = [(str(folder), trials_of(folder, config, executor)) for folder in args.pairs]
     groups += [(str(folder), trials_of(folder, config, executor, SIMULATED)) for folder in args.simulated]
@@ -93,12 +90,9 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def trials_of(
-    folder: Path, config: "MergeConfig", executor: "Executor", weight: float = 1.0, *, bent: bool = False
-) -> "list[Trial]":
+    folder: Path, config: MergeConfig, executor: Executor, weight: float = 1.0, *, bent: bool = False
+) -> list[Trial]:
     """Return the trials of all pairs in a folder with their weights; `bent` deforms one map of each pair."""
-    from tbmslam.parallel.executor import Call
-    from tools.map_pairs.known_pair import PairFileError
-
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise PairFileError(f"{folder}: no .npz pair of maps there")
@@ -106,28 +100,19 @@ def trials_of(
     return [trial for trial in executor.results(calls) if trial is not None]
 
 
-def _trial_of(path: Path, config: "MergeConfig", weight: float, bent: bool) -> "Trial | None":
-    from tools.calibration.trial import Trial
-    from tools.map_pairs.floors import shows_part
-    from tools.map_pairs.known_pair import load_pair
-
+def _trial_of(path: Path, config: MergeConfig, weight: float, bent: bool) -> Trial | None:
     pair = load_pair(path)
     of = Trial.of_deformed if bent else Trial.of
     return of(pair, config, weight if shows_part(pair.name) else WHOLE * weight)
 
 
-def strangers(count: int, config: "MergeConfig", executor: "Executor") -> "list[Trial]":
+def strangers(count: int, config: MergeConfig, executor: Executor) -> list[Trial]:
     """Return the trials of simulated pairs of different places."""
-    from tools.benchmarks.strangers import meetings
-
     tasks = [(number, config) for number in range(count)]
     return [trial for trial in meetings(_stranger, tasks, executor, _CHUNK) if trial is not None]
 
 
-def _stranger(number: int, config: "MergeConfig") -> "Trial | None":
-    from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair
-    from tools.calibration.trial import Trial
-
+def _stranger(number: int, config: MergeConfig) -> Trial | None:
     turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
     return Trial.of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), config, SIMULATED)
 

@@ -6,14 +6,15 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from datasets.synthetic.map_pairs.distortion import Distortion
+from datasets.synthetic.map_pairs.pairs import Building, building_of_area, building_of_world, room_of
+from tbmslam.io.map_folder import load_map
 from tools.command_line.options import number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
-
-if TYPE_CHECKING:
-    from datasets.synthetic.map_pairs.pairs import Building
+from tools.map_pairs.floors import floor_of_grid, pairs_of, variants_of
+from tools.map_pairs.known_pair import PairFileError, load_pair
 
 EXAMPLES = """examples:
   python tools/make_map_pairs.py -o pairs --seeds 0 1 2
@@ -73,10 +74,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _write(args: argparse.Namespace) -> None:
-    from datasets.synthetic.map_pairs.distortion import Distortion
-    from datasets.synthetic.map_pairs.pairs import building_of_area, building_of_world, room_of
-    from tools.map_pairs.floors import pairs_of, variants_of
-
     kinds = args.world or (() if args.floor or args.lattice else KINDS)
     buildings = [building_of_world(kind, seed) for seed in args.seeds for kind in kinds]
     if args.lattice:
@@ -96,11 +93,7 @@ def _write(args: argparse.Namespace) -> None:
     print(f"{count} pairs in {args.out}")
 
 
-def _floor(name: str, path: str) -> "Building":
-    from tbmslam.io.map_folder import load_map
-    from tools.map_pairs.floors import floor_of_grid
-    from tools.map_pairs.known_pair import PairFileError, load_pair
-
+def _floor(name: str, path: str) -> Building:
     try:
         return floor_of_grid(name, load_pair(Path(path)).target.grid)
     except PairFileError:
