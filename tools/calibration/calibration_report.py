@@ -1,14 +1,13 @@
 """The calibration of a confidence as tables and as a plot."""
 
+import io
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
-import cv2
 import numpy as np
 from scipy.stats import binomtest
 
-from tbmslam.io.pictures import encode_png
 from tools.calibration.trial import Judgement
 from tools.command_line.text_table import text_table
 
@@ -66,32 +65,19 @@ def calibration_table(judged: Sequence[Judged], edges: Sequence[float]) -> str:
     return text_table(["confidence", "pairs", "given, mean", "right, share"], rows)
 
 
-_SIZE, _MARGIN = 480, 60
-_BLACK, _GREY, _BLUE = (0, 0, 0), (190, 190, 190), (178, 114, 0)
-
-
 def draw_calibration(judged: Sequence[Judged], edges: Sequence[float]) -> bytes:
     """Return a PNG with a dot for each bin of confidence: its share of right answers with the 95 % interval."""
-    picture = np.full((_SIZE + 2 * _MARGIN, _SIZE + 2 * _MARGIN, 3), 255, dtype=np.uint8)
-    cv2.rectangle(picture, _pixel(0.0, 0.0), _pixel(1.0, 1.0), _BLACK, 1)
-    cv2.line(picture, _pixel(0.0, 0.0), _pixel(1.0, 1.0), _GREY, 1, cv2.LINE_AA)
-    for tick in (0.0, 0.5, 1.0):
-        _write(picture, f"{tick:g}", (_pixel(tick, 0.0)[0] - 8, _SIZE + _MARGIN + 22))
-        _write(picture, f"{tick:g}", (_MARGIN - 38, _pixel(0.0, tick)[1] + 5))
-    _write(picture, "confidence given", (_MARGIN + _SIZE // 2 - 70, _SIZE + _MARGIN + 45))
-    _write(picture, "share that is right", (_MARGIN, _MARGIN - 15))
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0, 5.0), layout="constrained")
+    panel = figure.subplots()
+    panel.plot((0.0, 1.0), (0.0, 1.0), color="#bebebe", linewidth=1.0)
     for _, _, given, right, pairs in _bins(judged, edges):
-        interval = binomtest(right, pairs).proportion_ci(method="wilson")
-        x, y = _pixel(given, right / pairs)
-        cv2.line(picture, _pixel(given, interval.low), _pixel(given, interval.high), _BLUE, 1, cv2.LINE_AA)
-        cv2.circle(picture, (x, y), 5, _BLUE, -1, cv2.LINE_AA)
-        _write(picture, str(pairs), (x + 8, y + 14))
-    return encode_png(picture)
-
-
-def _pixel(x: float, y: float) -> tuple[int, int]:
-    return round(_MARGIN + x * _SIZE), round(_MARGIN + (1.0 - y) * _SIZE)
-
-
-def _write(picture: np.ndarray, text: str, at: tuple[int, int]) -> None:
-    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, _BLACK, 1, cv2.LINE_AA)
+        share, interval = right / pairs, binomtest(right, pairs).proportion_ci(method="wilson")
+        beyond = [[share - interval.low], [interval.high - share]]
+        panel.errorbar(given, share, yerr=beyond, color="#0072B2", marker="o", capsize=2)
+        panel.annotate(str(pairs), (given, share), xytext=(6, -12), textcoords="offset points")
+    panel.set(xlabel="confidence given", ylabel="share that is right", xlim=(-0.03, 1.08), ylim=(-0.03, 1.03))
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
+    return out.getvalue()
