@@ -29,7 +29,7 @@ EXAMPLES = """examples:
       only evaluate the model; a picture of the calibration is written
 """
 WHOLE = 3.0
-"""Weight of a pair of whole buildings; a pair of parts, whose borders are not those of buildings, has 1."""
+"""Weight of a pair of whole buildings. A pair of parts has the weight 1, because the borders of parts are arbitrary."""
 SIMULATED = 0.3
 """Weight of a pair of simulated buildings; real buildings have 1."""
 

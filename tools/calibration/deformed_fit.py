@@ -1,4 +1,4 @@
-"""The fit of the confidence of deformed maps to attempts at pairs with known truth."""
+"""Fits the confidence of deformed maps. The data are attempts to deform one map of a pair with a known pose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

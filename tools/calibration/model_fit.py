@@ -52,7 +52,10 @@ def _surprise(trial: Trial, model: ConfidenceModel) -> tuple[float, FloatArray]:
 
 
 def held_out(trials: Sequence[Trial], executor: Executor) -> list[Judgement]:
-    """Return the best pose of each pair by a model that was fitted without its building, or the first of two."""
+    """Judge each pair by a model that was fitted without its building.
+
+    A pair of two buildings is judged without the first one.
+    """
     shown = floors_of(item.name for item in trials)
     floors = sorted({floor for some in shown.values() for floor in some})
     parts = [set(floors[part::_MOST_PARTS]) for part in range(min(_MOST_PARTS, len(floors)))]

@@ -34,7 +34,7 @@ _FLOOR_SHARES = (0.6, 0.5, 0.4, 0.3, 0.2)
 def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: int) -> list[Path]:
     """Simulate several drives of a robot through a building with options of make_world, and return the bags.
 
-    Each drive has its own folder. The seed is that of the building; drives have this seed and the following.
+    Each drive has its own folder. `seed` is the seed of the building. The drives have the seeds `seed`, `seed + 1`, ...
     """
     bags = []
     for drive in range(drives):

@@ -1,4 +1,4 @@
-"""Tables III and IV: the paper's measures of its transform's accuracy, and the true errors."""
+"""Table III: the accuracy of the transforms. Table IV: the running time."""
 
 import time
 from dataclasses import dataclass
