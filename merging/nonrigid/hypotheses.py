@@ -6,13 +6,14 @@ done only at the best supported poses.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from merging.config import MergeConfig
 from merging.nonrigid.deformation import DeformableMap, DeformedMap, TileFit, deformed_by, fit_tiles
-from merging.registration.correlation import best_distinct, refine_all
+from merging.registration.correlation import best_distinct, propose, refine_all
 from merging.scoring import confidences
 from merging.verification import Evidence, examine, support_m
 from merging.walls import WallMap
@@ -56,6 +57,11 @@ class DeformedPoses:
     config: MergeConfig
     _fits: dict[SE2, _Fit] = field(default_factory=dict)
     _compared: dict[SE2, DeformedPose] = field(default_factory=dict)
+
+    @cached_property
+    def proposals(self) -> list[SE2]:
+        """The poses of the correlation, without deformation, the best first."""
+        return propose(self.target, self.source.structure, self.config.correlation).motions
 
     def likeliest(self, starts: Sequence[SE2], decoys: Sequence[Evidence]) -> DeformedPose | None:
         """Deform the map at each start; return the most likely pose, or None if none has support."""

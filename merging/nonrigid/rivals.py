@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from merging.config import MergeConfig
 from merging.nonrigid.deformation import DeformableMap
 from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses
-from merging.registration.correlation import best_distinct, best_of, propose
+from merging.registration.correlation import best_distinct, best_of
 from merging.verification import Evidence
 from merging.walls import WallMap
 from tbmslam.geometry.se2 import SE2
@@ -31,13 +30,12 @@ class DeformedRivals:
 
         Rivals that end at the same place, or at the place of the tested pose, count once.
         """
-        target, config = poses.target, poses.config
-        mirror = DeformableMap.of(poses.source.grid.mirrored(), config)
-        rivals = [pose, *poses.best(_rivals(target, poses.source, config))]
+        mirror = DeformableMap.of(poses.source.grid.mirrored(), poses.config)
+        mirrored = DeformedPoses(poses.target, mirror, poses.config)
+        rivals = [pose, *poses.best(_rivals(poses))]
         evidence = {rival.motion: rival.evidence for rival in rivals}
         motions = first_distinct(list(evidence), poses.source.structure, len(evidence))
-        mirrored = DeformedPoses(target, mirror, config).best(_rivals(target, mirror, config))
-        decoys = [decoy.evidence for decoy in mirrored]
+        decoys = [decoy.evidence for decoy in mirrored.best(_rivals(mirrored))]
         return cls(motions, [evidence[motion] for motion in motions], decoys)
 
 
@@ -46,9 +44,9 @@ def first_distinct(poses: list[SE2], source: WallMap, count: int) -> list[SE2]:
     return best_distinct(poses, -np.arange(len(poses), dtype=np.float64), source, count)
 
 
-def _rivals(target: WallMap, source: DeformableMap, config: MergeConfig) -> list[SE2]:
+def _rivals(poses: DeformedPoses) -> list[SE2]:
     """Return the first poses of the correlation, and those that fit best without deformation."""
-    proposals = propose(target, source.structure, config.correlation).motions
-    fitting = [pose for pose, _ in best_of(proposals, target, source.structure, config)]
-    rivals = [*first_distinct(proposals, source.structure, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
-    return first_distinct(rivals, source.structure, len(rivals))
+    source, config = poses.source.structure, poses.config
+    fitting = [pose for pose, _ in best_of(poses.proposals, poses.target, source, config)]
+    rivals = [*first_distinct(poses.proposals, source, config.nonrigid.rivals), *fitting[: config.nonrigid.rivals]]
+    return first_distinct(rivals, source, len(rivals))

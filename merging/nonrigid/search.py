@@ -36,7 +36,7 @@ from merging.nonrigid.deformed_model import DeformedTests
 from merging.nonrigid.hypotheses import DeformedPose, DeformedPoses, evidence_near
 from merging.nonrigid.rivals import DeformedRivals, first_distinct
 from merging.pairwise import CompressedGrid, most_held
-from merging.registration.correlation import propose, same_place
+from merging.registration.correlation import same_place
 from merging.registration.features import Features
 from merging.rigid_alignment import (
     WORTH_DEFORMING,
@@ -199,12 +199,10 @@ def attempt(target: DeformableMap, source: DeformableMap, refused: Alignment, co
     """
     fixed, moving = target.structure, source.structure
     config = config.of_deformed_maps()
-    starts = refused.starts or first_distinct(
-        propose(fixed, moving, config.correlation).motions, moving, config.nonrigid.places
-    )
+    poses = DeformedPoses(fixed, source, config)
+    starts = refused.starts or first_distinct(poses.proposals, moving, config.nonrigid.places)
     if refused.T_target_source is not None and refused.evidence is not None:
         refused = replace(refused, evidence=evidence_near(fixed, moving, refused.T_target_source, config))
-    poses = DeformedPoses(fixed, source, config)
     pose = poses.likeliest(starts, refused.decoys)
     if pose is None or not _is_much_more_likely(pose, refused, fixed):
         return None

@@ -10,7 +10,7 @@ from merging.config import MergeConfig
 from merging.nonrigid.deformation import DeformableMap
 from merging.nonrigid.hypotheses import DeformedPoses
 from merging.nonrigid.rivals import DeformedRivals, first_distinct
-from merging.registration.correlation import find_candidates, propose
+from merging.registration.correlation import find_candidates
 from merging.rigid_alignment import prepared
 from merging.scoring import ConfidenceModel, features, find_decoys, measured
 from merging.verification import Evidence
@@ -71,9 +71,8 @@ class Trial:
         moving = 0 if structures[0].wall_m < structures[1].wall_m else 1  # as in the alignment
         target, grid = structures[1 - moving], (pair.target, pair.source)[moving].grid
         source = DeformableMap.of(grid, config, structures[moving])
-        proposals = propose(target, source.structure, config.correlation).motions
         poses = DeformedPoses(target, source, config)
-        likeliest = poses.likeliest(first_distinct(proposals, source.structure, config.nonrigid.places), ())
+        likeliest = poses.likeliest(first_distinct(poses.proposals, source.structure, config.nonrigid.places), ())
         if likeliest is None:
             return None
         rivals = DeformedRivals.of(poses, likeliest)

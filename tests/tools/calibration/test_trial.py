@@ -1,6 +1,7 @@
 import pytest
 
 from merging import MergeConfig
+from merging.nonrigid import hypotheses
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.map.tbm_map import TbmMap
 from tests.merging.bent_floor import bent_maps
@@ -20,6 +21,13 @@ def test_the_evidence_of_distorted_maps_is_collected_after_deformation(swapped):
     assert bent.candidates[0].agreed_wall_m > 1.5 * max(one.agreed_wall_m for one in rigid.candidates)
     assert len(bent.candidates) <= 1 + 2 * MergeConfig().nonrigid.rivals
     assert max(one.agreement for one in bent.decoys) < bent.candidates[0].agreement
+
+
+def test_the_map_and_its_mirror_image_are_correlated_once(monkeypatch):
+    correlated, propose = [], hypotheses.propose
+    monkeypatch.setattr(hypotheses, "propose", lambda *maps: correlated.append(maps) or propose(*maps))
+    Trial.of_deformed(KnownPair("crop_store_1_100", *bent_maps("store"), 1.0), MergeConfig())
+    assert len(correlated) == 2
 
 
 def test_maps_that_do_not_fit_are_not_deformed():
