@@ -113,6 +113,8 @@ class CloudSlice:
     low: float
     high: float
     """Lowest and highest point of the slice above the robot's frame [m]."""
+    opening: float = 0.0
+    """Rise of the upper bound with the range [m/m]."""
     angle_min: float = -math.pi
     angle_step: float = math.radians(1.0)
     """Direction of the first beam and angle to the next, at the sensor and relative to the robot's axes [rad]."""
@@ -144,7 +146,8 @@ class CloudSlice:
         turned = rotation_of(self.T_robot_sensor) @ cloud.points.T
         heights = turned[2] + self.T_robot_sensor.z
         ranges = np.hypot(turned[0], turned[1])
-        inside = (heights >= self.low) & (heights <= self.high) & (ranges > _NEAREST) & (ranges < _FARTHEST)
+        high = self.high + self.opening * ranges
+        inside = (heights >= self.low) & (heights <= high) & (ranges > _NEAREST) & (ranges < _FARTHEST)
         return turned[:2, inside].T, None if cloud.times is None else cloud.times[inside]
 
 
@@ -197,6 +200,11 @@ def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatA
 
 _HALF_HEIGHT = 0.25
 """Default extent of the slice above and below the sensor [m]; it contains two to four of 16 rings."""
+_OPENING = math.tan(math.radians(1.0))
+"""Default rise of the slice's upper bound: of 16 rings, the one that rises by 1 degree meets every wall inside it.
+
+The lower bound does not fall: falling rings meet the floor.
+"""
 _FLOOR = 0.1  # height above the robot's frame below which points count as floor if no heights are stated [m]
 _FEWEST_DIRECTIONS = 0.05
 """Share of the directions in which a slice must hold points; a camera covers an eighth of a turn."""
@@ -233,14 +241,14 @@ def choose_slice(
     """Choose heights and beams for the clouds of a recording; raise a `DatasetError` if the slice is nearly empty.
 
     `heights` are the lowest and the highest point above the robot's frame [m]; None chooses a band around the sensor
-    without floor. `step_deg` is the angle between beams, of any sign; None chooses the finest angle whose beams have
+    without floor, which opens upwards with the range. `step_deg` is the angle between beams, of any sign; None chooses the finest angle whose beams have
     points. `clouds` are the first clouds of the recording. Errors begin with `named`, the file and the topic of the
     clouds.
     """
     low, high = heights or (T_robot_sensor.z - _HALF_HEIGHT, T_robot_sensor.z + _HALF_HEIGHT)
     if heights is None and T_robot_sensor.z > _FLOOR:
         low = max(low, _FLOOR)
-    cut = CloudSlice(T_robot_sensor, low, high)
+    cut = CloudSlice(T_robot_sensor, low, high, 0.0 if heights else _OPENING)
     _check_walls(cut, clouds, named)
     step = math.radians(abs(step_deg or _finest_step(cut, clouds)))
     cut = replace(cut, angle_step=step, beams=round(2.0 * math.pi / step))

@@ -113,7 +113,7 @@ MOUNTS = {
 
 def cut_of(mount, step_deg=0.4):
     beams = round(360.0 / step_deg)
-    return CloudSlice(mount, 0.35, 0.85, -math.pi, math.radians(step_deg), beams)
+    return CloudSlice(mount, 0.35, 0.85, 0.0, -math.pi, math.radians(step_deg), beams)
 
 
 def expected(cut):
@@ -224,6 +224,14 @@ def test_the_heights_are_around_the_sensor_and_above_the_floor():
         0.5,
         0.7,
     )
+
+
+def test_the_slice_opens_upwards_unless_heights_are_stated():
+    slopes = np.tan(np.radians([-1.0, 1.0, 3.0]))
+    far = room_cloud()._replace(points=20.0 * np.column_stack((np.ones(3), np.zeros(3), slopes)))
+    kept, _ = chosen([room_cloud()]).points(far)
+    np.testing.assert_allclose(kept, [(20.0, 0.0)])  # the rising ring next to the horizon
+    assert not len(chosen([room_cloud()], heights=(0.35, 0.85)).points(far)[0])
 
 
 def test_a_slice_without_walls_is_refused_with_the_heights_that_there_are():
