@@ -119,9 +119,6 @@ def _add_merge(merge: argparse.ArgumentParser) -> None:
         "--areas", type=comma_separated(number_within(float, 1.0, 1e7)), default="4900,8100,12100,25600",
         metavar="M2,...", help="canvases (4900,8100,12100,25600)",
     )  # fmt: skip
-    merge.add_argument(
-        "--resolution", type=number_within(float, 1e-3, 100.0), default=0.05, metavar="M", help="cells (0.05)"
-    )
     merge.add_argument("--repeat", type=_COUNT, default=5, metavar="N", help="runs of each step; best is shown (5)")
 
 

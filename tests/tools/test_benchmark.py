@@ -35,7 +35,6 @@ def test_a_recording_that_is_missing_is_one_line_and_exit_1(tmp_path, capsys):
         (["merge", "--areas", "4900;8100"], "--areas: must be a number within 1 and 1e+07, got '4900;8100'"),
         (["scaling", "--lengths", ""], "--lengths: must be a number within 1 and 1e+07, got ''"),
         (["merge", "--areas", "4900,nan"], "--areas: must be a number within 1 and 1e+07, got 'nan'"),
-        (["merge", "--resolution", "nan"], "--resolution: must be a number within 0.001 and 100, got 'nan'"),
         (["strangers", "--workers", "0"], "--workers: must be a whole number of at least 1"),
         (["perturb", "a.bag", "--jobs", "0"], "--jobs: must be a whole number of at least 1, got '0'"),
         (["perturb", "a.bag,angel=1"], "unrecognized arguments: --angel 1"),

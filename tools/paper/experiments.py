@@ -6,18 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from datasets.synthetic.map_pairs.pairs import building_of_area, cut_pairs
 from merging import merge
 from merging.config import PAPER, MergeConfig
 from merging.config.registration import FeatureConfig
-from merging.fusion import canvas_over, offset_in, window_over
-from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.belief.grid import TbmGrid
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps, make_world
 from tools.command_line.measurement_record import describe_machine
-from tools.map_pairs.known_pair import KnownPair
+from tools.map_pairs.pair_of_area import pair_of_area
 from tools.mapping.task import valid_json
 from tools.mapping.truth_file import NAME as TRUTH_FILE
 from tools.mapping.truth_file import read_truth_file
@@ -26,9 +24,6 @@ from tools.paper.map_pair import Halves, MapPair, fuse_halves
 from tools.paper.transforms import DurationResult, TransformResult, measure_durations, measure_transforms
 
 logger = logging.getLogger(__name__)
-
-_FLOOR_SHARES = (0.6, 0.5, 0.4, 0.3, 0.2)
-"""Shares of the canvas of two rotated maps for the floor; the first that fits is used."""
 
 
 def simulate_recordings(folder: Path, words: Sequence[str], drives: int, seed: int) -> list[Path]:
@@ -77,27 +72,10 @@ def load_pairs(folder: Path, most: int, min_overlap: float = 0.25) -> list[MapPa
     return pairs
 
 
-def pair_of_area(area_m2: float, resolution: float) -> MapPair:
-    """Return a pair cut from a building whose merged rectangle has an area, within half a row.
-
-    The target has rows of unknown cells where the maps themselves need less.
-    """
-    for share in _FLOOR_SHARES:
-        known = KnownPair.of(next(cut_pairs(building_of_area(share * area_m2, 1, resolution), 1, [0.5])))
-        target, source, motion = known.target.grid, known.source.grid, known.T_target_source
-        assert motion is not None  # noqa: S101 - cut pairs overlap
-        canvas = canvas_over([target.geometry, window_over(source.geometry, motion, target.geometry)])
-        rows = round(area_m2 / (canvas.cols * resolution**2))
-        if rows >= canvas.rows:
-            return MapPair("a", "b", _on_canvas(target, canvas._replace(rows=rows)), source, motion)
-    raise TbmSlamError(f"two maps of a floor do not fit into {area_m2:g} m² with cells of {resolution:g} m")
-
-
-def _on_canvas(grid: TbmGrid, canvas: GridGeometry) -> TbmGrid:
-    """Return a grid with unknown cells around it."""
-    larger, (row, col) = TbmGrid.unknown(canvas), offset_in(canvas, grid.geometry)
-    larger.masses[row : row + grid.geometry.rows, col : col + grid.geometry.cols] = grid.masses
-    return larger
+def _pair_of_area(area_m2: float, resolution: float) -> MapPair:
+    cut = pair_of_area(area_m2, resolution)
+    assert cut.T_target_source is not None  # noqa: S101 - cut pairs overlap
+    return MapPair("a", "b", cut.target.grid, cut.source.grid, cut.T_target_source)
 
 
 VARIANTS = (Variant(128, "as it is"), Variant(256, "as it is"), Variant(128, "inverted"), Variant(256, "inverted"))
@@ -166,7 +144,7 @@ def run_experiments(
     say("table IV: times")
     timed = {pair.name: pair for pair in pairs}
     resolution = pairs[0].target.geometry.resolution
-    timed |= {f"cut for {area:g} m²": pair_of_area(area, resolution) for area in settings.areas_m2}
+    timed |= {f"cut for {area:g} m²": _pair_of_area(area, resolution) for area in settings.areas_m2}
     durations = {name: measure_durations(pair, settings.repeats, settings.features) for name, pair in timed.items()}
     first = {pairs[0].target_name: TbmMap(pairs[0].target), pairs[0].source_name: TbmMap(pairs[0].source)}
     found = merge(first, PAPER).merged

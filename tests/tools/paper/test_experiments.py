@@ -4,21 +4,20 @@ import math
 import numpy as np
 import pytest
 
-from merging.fusion import fuse, place
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import save_map
-from tbmslam.map.tbm_map import TbmMap
+from tools.map_pairs.pair_of_area import pair_of_area
 from tools.mapping.truth_file import OWN_MAP
 from tools.paper.detectors import AS_WRITTEN, DetectorResult, Setting, Study
-from tools.paper.experiments import PaperResults, PaperSettings, load_pairs, pair_of_area, record_of
+from tools.paper.experiments import PaperResults, PaperSettings, load_pairs, record_of
 
 
 def test_pairs_are_loaded_with_their_true_poses(tmp_path):
     cut = pair_of_area(500.0, 0.2)
     poses = {"robot_0": SE2(5.0, 1.0, 0.3), "robot_1": SE2(5.0, 1.0, 0.3) @ cut.T_target_source}
-    for name, grid in (("robot_0", cut.target), ("robot_1", cut.source)):
-        save_map(tmp_path / name, TbmMap(grid))
+    for name, tbm_map in (("robot_0", cut.target), ("robot_1", cut.source)):
+        save_map(tmp_path / name, tbm_map)
     truth = {name: {"T_reference_map": list(pose)} for name, pose in poses.items()}
     (tmp_path / "truth.json").write_text(json.dumps({"source": OWN_MAP, "robots": truth, "warnings": []}))
     (pair,) = load_pairs(tmp_path, 10, 0.2)
@@ -30,8 +29,8 @@ def test_pairs_are_loaded_with_their_true_poses(tmp_path):
 
 def test_a_doubtful_truth_causes_a_warning(tmp_path, caplog):
     cut = pair_of_area(500.0, 0.2)
-    for name, grid in (("robot_0", cut.target), ("robot_1", cut.source)):
-        save_map(tmp_path / name, TbmMap(grid))
+    for name, tbm_map in (("robot_0", cut.target), ("robot_1", cut.source)):
+        save_map(tmp_path / name, tbm_map)
     poses = {"robot_0": SE2.identity(), "robot_1": cut.T_target_source}
     robots = {name: {"T_reference_map": list(pose)} for name, pose in poses.items()}
     warning = {"at_s": 720.7, "what": "lost"}
@@ -41,14 +40,6 @@ def test_a_doubtful_truth_causes_a_warning(tmp_path, caplog):
     assert line.endswith(
         f"truth.json is {OWN_MAP}, and may be wrong itself: its mapping gave a warning: at 720.7 s: lost"
     )
-
-
-@pytest.mark.parametrize("area_m2", [4125.0, 12100.0, 13200.0])
-def test_a_pair_fills_its_area(area_m2):
-    pair = pair_of_area(area_m2, 0.2)
-    merged = fuse([pair.target, place(pair.source, pair.T_target_source, pair.target.geometry)]).grid.geometry
-    assert merged.rows * merged.cols * merged.resolution**2 == pytest.approx(area_m2, rel=0.01)
-    assert pair.overlap() > 0.2
 
 
 def test_no_number_is_null_in_the_record():
