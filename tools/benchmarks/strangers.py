@@ -26,7 +26,7 @@ from datasets.synthetic.map_pairs.pairs import (
 )
 from merging import align
 from tbmslam.errors import TbmSlamError
-from tbmslam.parallel.cluster import code_digest
+from tbmslam.parallel.cluster import code_digest, packages_of
 from tbmslam.parallel.executor import Call, Executor
 from tbmslam.special_file import why_unreadable
 from tools.command_line.measurement_record import describe_machine, finish, write_figures
@@ -116,7 +116,7 @@ def _judge() -> str:
         resources.files("merging").joinpath(f"{name}_model.json").read_text(encoding="utf-8")
         for name in ("confidence", "deformed")
     ]
-    code = code_digest("tbmslam", "merging", building_of_world.__module__.rpartition(".")[0])
+    code = code_digest(*packages_of(align), __package__)
     return hashlib.sha256("".join([*models, code]).encode()).hexdigest()[:16]
 
 
@@ -160,12 +160,12 @@ def _pair(kind: str, index: int, seed: int) -> MapPair:
     family = seed * 10_000 + index // _PAIRS_A_BUILDING
     if kind == "self-similar":
         overlap = float(rng.choice([0.25, 0.5, 0.75]))
-        return next(iter(cut_pairs(_building("corridor", family), draw, [overlap])))
+        return next(cut_pairs(_building("corridor", family), draw, [overlap]))
+    if kind == "far ends":
+        return disjoint_pair(_building(_WORLDS[index % len(_WORLDS)], family), draw)
     first = some_part(_building(_WORLDS[index % len(_WORLDS)], family), rng)
     if kind == "mirrored":
         return foreign_pair(first, mirrored(first), draw)
-    if kind == "far ends":
-        return disjoint_pair(_building(_WORLDS[index % len(_WORLDS)], family), draw)
     other = _WORLDS[int(rng.integers(len(_WORLDS)))]
     return foreign_pair(first, some_part(_building(other, family + 5_000), rng), draw)
 

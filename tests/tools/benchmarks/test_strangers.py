@@ -50,6 +50,13 @@ def test_other_code_is_another_judge(tmp_path, capsys, monkeypatch):
     assert "earlier.json: is no earlier run with this seed and this code" in capsys.readouterr().err
 
 
+def test_the_judge_knows_the_simulator_and_the_benchmark(monkeypatch):
+    known = []
+    monkeypatch.setattr(strangers, "code_digest", lambda *packages: known.extend(packages) or "")
+    strangers._judge()
+    assert known == ["tbmslam", "datasets", "merging", "tools.benchmarks"]
+
+
 @pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_workers(tmp_path, capsys):
     figures = [tmp_path / f"{workers}.json" for workers in (1, 2)]
