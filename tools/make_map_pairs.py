@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from datasets.synthetic.map_pairs.distortion import Distortion
-from datasets.synthetic.map_pairs.pairs import Building, building_of_area, building_of_world, room_of
+from datasets.synthetic.map_pairs.pairs import OVERLAPS, Building, building_of_area, building_of_world, room_of
 from tbmslam.io.map_folder import load_map
 from tools.command_line.options import number_within
 from tools.command_line.paths import path_argument
@@ -25,7 +25,6 @@ EXAMPLES = """examples:
       maps of different years: each is distorted by 0.3 m, and all movable objects are moved
 """
 KINDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan")
-PERCENT = (100, 75, 50, 35, 25, 15)
 _AREA, _SIZE, _PERCENT = number_within(float, 1, 1e5), number_within(float, 1e-6), number_within(int, 1, 100)
 _SEED, _PARTS = number_within(int, 0), number_within(int, 0, 1000)
 _MOST_BEND_M = 2.0  # largest deformation over 20 m [m]; beyond it the inverse is not exact to a cell
@@ -62,9 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     what.add_argument(
         "--largest", type=_SIZE, default=math.inf, metavar="M2", help="leave out pairs with a larger known area"
     )
-    what.add_argument(
-        "--overlap", nargs="+", type=_PERCENT, default=PERCENT, metavar="PERCENT", help="overlaps of the maps"
-    )
+    what.add_argument("--overlap", nargs="+", type=_PERCENT, metavar="PERCENT", help="overlaps of the maps (100 to 15)")
     grammar.add_argument(
         "--bend", type=number_within(float, 1e-6, _MOST_BEND_M), metavar="M",
         help="distort each map by this over tens of metres, and move all objects (2 to 6 cm, and some objects)",
@@ -84,7 +81,7 @@ def _write(args: argparse.Namespace) -> None:
     if args.parts:
         buildings = [variant for building in buildings for variant in variants_of(building, args.parts)]
     count = 0
-    overlaps = [percent / 100.0 for percent in args.overlap]
+    overlaps = OVERLAPS if args.overlap is None else [percent / 100.0 for percent in args.overlap]
     draw = Distortion.draw if args.bend is None else partial(Distortion.of_another_time, deformation_m=args.bend)
     for pair in pairs_of(buildings, 1, overlaps, draw):
         if pair.known_m2 <= args.largest:

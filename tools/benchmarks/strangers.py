@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import binomtest
 from tqdm import tqdm
 
+from datasets.synthetic.buildings import VARIETY
 from datasets.synthetic.map_pairs.pairs import (
     Building,
     MapPair,
@@ -44,7 +45,6 @@ UNKNOWN_TO_EACH_OTHER = ("unrelated", "mirrored", "far ends")
 HEAD = ("pairs", "maps", "tried", "accepted wrongly", "rate %", "95 % interval", "refused as ambiguous")
 
 _T = TypeVar("_T")
-_WORLDS = ("office", "halls", "store", "wings", "apartment", "open_plan")
 _PAIRS_A_BUILDING = 8
 _SAVED_EVERY = 16
 _SMALLEST_M2, _LARGEST_M2 = 40.0, 400.0
@@ -162,17 +162,17 @@ def _pair(kind: str, index: int, seed: int) -> MapPair:
         overlap = float(rng.choice([0.25, 0.5, 0.75]))
         return next(cut_pairs(_building("corridor", family), draw, [overlap]))
     if kind == "far ends":
-        return disjoint_pair(_building(_WORLDS[index % len(_WORLDS)], family), draw)
-    first = some_part(_building(_WORLDS[index % len(_WORLDS)], family), rng)
+        return disjoint_pair(_building(VARIETY[index % len(VARIETY)], family), draw)
+    first = some_part(_building(VARIETY[index % len(VARIETY)], family), rng)
     if kind == "mirrored":
         return foreign_pair(first, mirrored(first), draw)
-    other = _WORLDS[int(rng.integers(len(_WORLDS)))]
+    other = VARIETY[int(rng.integers(len(VARIETY)))]
     return foreign_pair(first, some_part(_building(other, family + 5_000), rng), draw)
 
 
 def building_of(number: int, rng: np.random.Generator) -> Building:
     """Return a building of any kind."""
-    return _building(_WORLDS[int(rng.integers(len(_WORLDS)))], number)
+    return _building(VARIETY[int(rng.integers(len(VARIETY)))], number)
 
 
 def some_part(building: Building, rng: np.random.Generator) -> Building:

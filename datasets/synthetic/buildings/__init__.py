@@ -23,7 +23,8 @@ _DRAW: dict[str, Callable[[np.random.Generator], FloorPlan]] = {
 WORLDS = ("office", "halls", "store", "corridor", "wings", "apartment", "open_plan", "variety", "hospital")
 """Names of the worlds. New names are added at the end, because the position of a name is part of the seed."""
 
-_VARIETY = ("office", "halls", "store", "wings", "apartment", "open_plan")
+VARIETY = ("office", "halls", "store", "wings", "apartment", "open_plan")
+"""Kinds of buildings that differ from place to place. Their order is part of the seed."""
 
 
 def make_world(name: str, seed: int = 0) -> World:
@@ -43,6 +44,6 @@ def make_world(name: str, seed: int = 0) -> World:
         raise ValueError(f"name must be one of {', '.join(WORLDS)}, got {name!r}")
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    kind = _VARIETY[seed % len(_VARIETY)] if name == "variety" else name
+    kind = VARIETY[seed % len(VARIETY)] if name == "variety" else name
     rng = np.random.default_rng([seed, WORLDS.index(name)])
     return _DRAW[kind](rng).world(name, seed)
