@@ -198,11 +198,11 @@ def _without_warnings() -> Iterator[None]:
 
 NOTES = """\
 mean error m, deg: of the scored relations. unscored: relations with a scan that is not in the map. left out: relations
-with a scan that the perturbation removed; they are not counted. ratio: the error in metres divided by the error of the
-unperturbed run, over relations that both score. ok: the error is at most 1.1 times the unperturbed error (without
-odometry 1.5 times), or at most 3 mm larger. LOST: more than 5 times, or relations are unscored that were scored before.
-FAILED: no map. If the truth is a trajectory, its poses and the ATE are scored. With a displaced laser, the recorded
-robot frame is scored."""
+with a scan that the perturbation removed; they are not counted. ratio: the error of all relations that the run scores,
+divided by the unperturbed error of those that both runs score. ok: the error is at most 1.1 times the unperturbed error
+(without odometry 1.5 times), or at most 3 mm larger. LOST: more than 5 times, or relations are unscored that were
+scored before. FAILED: no map. If the truth is a trajectory, its poses and the ATE are scored. With a displaced laser,
+the recorded robot frame is scored."""
 
 _MORE_M = 0.003
 _LOST_RATIO = 5.0
@@ -221,7 +221,7 @@ class Score:
     left_out: int
     """Number of relations or poses whose scans the perturbation removed."""
     ratio: float | None
-    """Ratio of the error to the error of the unperturbed run, over common scores; None if there are none."""
+    """Error of all that the run scores, divided by the unperturbed error of what both score; None without scores."""
     verdict: str
     """ok, MISS, LOST or FAILED; a dash for the unperturbed run."""
 
@@ -262,10 +262,9 @@ def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, un
     """Compare a run with the unperturbed run."""
     if isinstance(errors, MeasurementError):
         return Score(perturbation.name, None, None, 0, 0, None, f"FAILED: {errors}")
-    counted = np.ones(len(errors.metres), dtype=np.bool_)
-    if errors.kind == "poses":  # some true poses may lie between the scans
-        counted = unperturbed.has_scans
-    left_out = counted & unperturbed.has_scans & ~errors.has_scans
+    left_out = unperturbed.has_scans & ~errors.has_scans
+    # Some true poses may lie between the scans.
+    counted = unperturbed.has_scans if errors.kind == "poses" else np.ones_like(left_out)
     unscored = counted & ~left_out & ~errors.scored()
     scored = errors.scored() & ~left_out
     # Relations that only this run scores count too: its map may be torn there.
