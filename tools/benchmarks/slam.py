@@ -161,11 +161,11 @@ LOST_M = 0.5
 """A drive with a larger error is lost."""
 
 NOTES = f"""\
-scans/s: scans per CPU second of the process without reading. read/s, finish/s: scans per CPU second of this part
-(finish: closing loops and rendering). times real time: duration of the recording divided by the wall time,
-including reading. mean error: of the true relations. relation noise: mean error of those relations that form cycles, by
-the errors of these cycles. A first run, which is not counted, fills numba's cache. Each
-process first maps {WARM_UP_SCANS} scans and a short simulated drive, which loads the compiled code."""
+scans/s: scans per CPU second, without reading. read/s, finish/s: scans per CPU second of reading, and of the end (loop
+closing, rendering). times real time: duration of the recording divided by the wall time, including reading. mean error:
+of the true relations. relation noise: mean error of the relations in cycles, estimated from the errors of the cycles.
+A first run, which is not counted, fills numba's cache. Each process first maps {WARM_UP_SCANS} scans and a short
+simulated drive, which loads the compiled code."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def benchmark_slam(args: argparse.Namespace) -> None:
         results += [_measured(entry, name, args.repeat) for name in args.preset]
     drives = ResultTable.of([_row(result) for result in results])
     print(text_table(*drives))
-    print(NOTES + (f" Medians of {args.repeat} runs." if args.repeat > 1 else ""))
+    print(NOTES + (f" Medians of {args.repeat} runs (the lower of two)." if args.repeat > 1 else ""))
     if (seeds := seeds_table(results)).rows:
         print(text_table(*seeds))
     tables = {"drives": drives, "seeds": seeds, **by_preset(results)}
@@ -208,11 +208,14 @@ def benchmark_slam(args: argparse.Namespace) -> None:
 
 
 def median_run(runs: Sequence[SlamRun]) -> SlamRun:
-    """Return the median of every figure; the errors of all runs are equal, since the SLAM is deterministic."""
+    """Return the median of every figure, and the lower of two middle ones.
+
+    The errors of all runs are equal, since the SLAM is deterministic.
+    """
     figures: dict[str, Any] = {}
     for field in fields(SlamRun):
         values = [getattr(run, field.name) for run in runs]
-        figures[field.name] = None if None in values else statistics.median(values)
+        figures[field.name] = None if None in values else statistics.median_low(values)
     return SlamRun(**figures)
 
 

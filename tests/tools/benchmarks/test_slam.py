@@ -62,6 +62,11 @@ def test_the_median_of_each_figure_counts():
     assert median.translation_error_m is None
 
 
+def test_the_median_of_an_even_number_of_runs_keeps_whole_numbers():
+    median = median_run([figures(1.0), figures(2.0)])
+    assert (str(median.scans), median.mapping_s) == ("1000", 1.0)
+
+
 def test_the_worst_of_several_seeds_is_named():
     results = [
         Result(f"office:{seed}:poor", "default", figures(ate_m=error), (), "office:*:poor")
