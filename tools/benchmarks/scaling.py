@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -84,7 +85,6 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
             for reading in block:
                 slam.process(reading)
         stops.append((stops[-1][0] + len(block), clock.cpu["processing"]))
-    (from_scan, from_cpu), (scans, cpu) = stops[len(stops) * 3 // 4 - 1], stops[-1]
     driven_memory_mb = peak_memory_mb()
     with clock.during("finishing"):
         tbm_map = slam.finish()
@@ -99,12 +99,21 @@ def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate:
         box_m2=geometry.rows * geometry.cols * geometry.resolution**2,
         cell_m=geometry.resolution,
         scan_us=clock.cpu["processing"] * micro,
-        last_quarter_us=(cpu - from_cpu) / (scans - from_scan) * 1e6,
+        last_quarter_us=last_quarter_us(stops),
         finishing_us=clock.cpu["finishing"] * micro,
         driven_memory_mb=driven_memory_mb,
         peak_memory_mb=peak_memory_mb(),
         ate_m=align_trajectories(drive.truth(), trajectory).ate_m,
     )
+
+
+def last_quarter_us(stops: Sequence[tuple[int, float]]) -> float:
+    """Return the CPU time per scan of the last quarter [us]; stops are the scans and CPU seconds at each block's end.
+
+    The first stop is the start of the drive.
+    """
+    (from_scan, from_cpu), (scans, cpu) = stops[(len(stops) - 1) * 3 // 4], stops[-1]
+    return (cpu - from_cpu) / (scans - from_scan) * 1e6
 
 
 def _row(run: ScalingRun) -> dict[str, str]:

@@ -3,7 +3,13 @@ import json
 import pytest
 
 from tools.benchmark import main
-from tools.benchmarks.scaling import LIMITS
+from tools.benchmarks.scaling import LIMITS, last_quarter_us
+
+
+def test_the_last_quarter_is_the_last_quarter_of_the_blocks():
+    stops = [(0, 0.0), (50, 1.0), (100, 2.0), (150, 3.0), (200, 3.0001)]
+    assert last_quarter_us(stops) == pytest.approx(2.0)
+    assert last_quarter_us(stops[:2]) == pytest.approx(20_000.0)
 
 
 @pytest.mark.slow
