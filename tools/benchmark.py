@@ -11,11 +11,12 @@ measures the errors of recordings with small changes. `strangers` counts false m
 import argparse
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
+from tbmslam.errors import TbmSlamError
 from tools import benchmarks
 from tools.build_maps import MOST_ROBOTS
 from tools.command_line.options import comma_separated, number_within
@@ -124,7 +125,7 @@ def _add_merge(merge: argparse.ArgumentParser) -> None:
 
 def _add_split(split: argparse.ArgumentParser) -> None:
     split.add_argument(
-        "recordings", nargs="+", type=_recording_text, metavar="RECORDING[,option=value]...", help="bags or logs"
+        "recordings", nargs="+", type=_recording, metavar="RECORDING[,option=value]...", help="bags or logs"
     )
     split.add_argument(
         "--robots", type=comma_separated(number_within(int, 2, MOST_ROBOTS)), default="2,3,5", metavar="N,...",
@@ -190,11 +191,6 @@ def _recording(text: str) -> object:
     return _parsed(parse_recording_spec, text)
 
 
-def _recording_text(text: str) -> str:
-    _recording(text)
-    return text
-
-
 def _world(text: str) -> object:
     from tools.benchmarks.recordings import SimulatedRecording
 
@@ -236,7 +232,10 @@ def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
 
 def _run(args: argparse.Namespace) -> None:
     recordings = getattr(args, "recordings", ())
-    check_exist(Path(each.partition(",")[0]) if isinstance(each, str) else each.path for each in recordings)
+    check_exist(spec.path for spec in recordings)
+    names = Counter(spec.name for spec in recordings)
+    for name in (name for name, count in names.items() if count > 1):
+        raise TbmSlamError(f"two recordings are named {name}: rename a file, or measure one at a time")
     module, function = args.function.split(".")
     getattr(import_module(f"{benchmarks.__name__}.{module}"), function)(args)
 

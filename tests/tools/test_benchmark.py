@@ -10,6 +10,14 @@ def test_a_recording_that_is_missing_is_one_line_and_exit_1(tmp_path, capsys):
     assert "none.bag: no such file or directory" in lines[-1]
 
 
+@pytest.mark.parametrize("command", ["slam", "perturb", "split"])
+def test_two_recordings_of_one_name_are_an_error(tmp_path, capsys, command):
+    bag = tmp_path / "a.bag"
+    bag.touch()
+    assert main([command, str(bag), f"{bag},odometry=none"]) == 1
+    assert "two recordings are named a: rename a file, or measure one at a time" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

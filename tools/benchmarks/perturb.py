@@ -247,7 +247,7 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
         scores = _scores(chosen, [answers[begin + index] for index in range(len(chosen))])
         unperturbed = answers[begin]
         is_ate = isinstance(unperturbed, DriveErrors) and unperturbed.kind == "poses"
-        name = spec.path.name.removesuffix(".bag")
+        name = spec.name
         tables[name] = _table(scores, "ATE m" if is_ate else "mean error m")
         print(f"{name}\n{text_table(*tables[name])}\n{name}: {summary(scores)}\n")
         record.append({"recording": name, "kind": "poses" if is_ate else "relations", "scores": scores})

@@ -26,8 +26,15 @@ if TYPE_CHECKING:
 class RecordingSpec:
     """A recording to open."""
 
+    text: str
+    """The argument that it was parsed from."""
     path: Path
     options: "RecordingOptions"
+
+    @property
+    def name(self) -> str:
+        """Return its name in tables."""
+        return self.path.name.removesuffix(".bag")
 
 
 class _RaisingParser(argparse.ArgumentParser):
@@ -41,7 +48,7 @@ def parse_recording_spec(text: str) -> RecordingSpec:
     parser = _RaisingParser(prog=path, add_help=False, allow_abbrev=False)
     add_recording_options(parser)
     try:
-        return RecordingSpec(Path(path), options_from(parser.parse_args(as_words(settings))))
+        return RecordingSpec(text, Path(path), options_from(parser.parse_args(as_words(settings))))
     except ValueError as error:
         raise ValueError(f"{text}: {error}") from None
 

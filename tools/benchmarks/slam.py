@@ -260,7 +260,7 @@ def by_preset(results: Sequence[Result]) -> dict[str, ResultTable]:
 def _entries(args: argparse.Namespace) -> Iterator[Entry]:
     """Yield the recordings; a simulated one exists until the next is requested."""
     for spec in args.recordings:
-        yield Entry(spec.path.name.removesuffix(".bag"), spec)
+        yield Entry(spec.name, spec)
     for world in (world for first in args.world for world in first.seeds(args.seeds)):
         say(f"benchmark: simulating {world}")
         with tempfile.TemporaryDirectory(prefix="benchmark-") as folder:

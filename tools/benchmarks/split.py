@@ -75,16 +75,16 @@ def benchmark_split(args: argparse.Namespace) -> None:
     """Run the benchmark and print the table."""
     runs = []
     with tempfile.TemporaryDirectory() as folder:
-        for number, text in enumerate(args.recordings):
+        for number, spec in enumerate(args.recordings):
             parts = Path(folder) / str(number)
-            in_fresh_process(cut, text, 1, parts / "1")
-            in_fresh_process(cut, f"{text},frames=odometry", 1, parts / "again")
+            in_fresh_process(cut, spec.text, 1, parts / "1")
+            in_fresh_process(cut, f"{spec.text},frames=odometry", 1, parts / "again")
             (whole,), (whole_again,) = map_folders(parts / "1"), map_folders(parts / "again")
             again = in_fresh_process(agreement_of, whole_again, whole)
             for robots in args.robots:
-                say(f"benchmark: {text}, {robots} robots")
-                in_fresh_process(cut, text, robots, parts / str(robots))
-                runs.append(in_fresh_process(run_split, text, parts / str(robots), whole, again))
+                say(f"benchmark: {spec.text}, {robots} robots")
+                in_fresh_process(cut, spec.text, robots, parts / str(robots))
+                runs.append(in_fresh_process(run_split, spec.name, parts / str(robots), whole, again))
     table = ResultTable.of([_row(run) for run in runs])
     print(text_table(*table))
     for run in runs:
@@ -111,7 +111,7 @@ def agreement_of(again: Path, undivided: Path) -> float:
     return _agreements(load_map(again), load_map(undivided))[0].agree
 
 
-def run_split(text: str, folder: Path, undivided: Path, again: float) -> SplitRun:
+def run_split(name: str, folder: Path, undivided: Path, again: float) -> SplitRun:
     """Merge the maps of a folder, and compare the result with truth.json and an undivided map; see `SplitRun`."""
     truth = read_truth_file(folder / TRUTH_FILE)
     poses = truth.poses
@@ -121,7 +121,7 @@ def run_split(text: str, folder: Path, undivided: Path, again: float) -> SplitRu
     seconds = time.process_time() - begin
     merged, turned = (None, None) if result.merged is None else _agreements(result.merged, load_map(undivided))
     return SplitRun(
-        recording=Path(text.split(",", 1)[0]).name.split(".")[0],
+        recording=name,
         robots=len(maps),
         merged=tuple(result.poses),
         left_out=dict(result.left_out),
@@ -161,7 +161,7 @@ def overlap_share(first: TbmMap, second: TbmMap, T_first_second: SE2) -> float:
 
 
 def _agreements(merged: TbmMap, undivided: TbmMap) -> tuple[MapAgreement, MapAgreement]:
-    """Compare the undivided map, aligned by drives and walls, with the merged map and with its own rendering there."""
+    """Return two agreements of the undivided map: with the merged map, and with its own rendering on rotated cells."""
     guess = pose_by_drives(undivided, merged)
     labels, true_labels = cell_labels(merged.grid), cell_labels(undivided.grid)
     motion = refine_map_transform(labels, merged.grid.geometry, true_labels, undivided.grid.geometry, guess)

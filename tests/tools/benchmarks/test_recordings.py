@@ -52,12 +52,14 @@ def test_a_path_alone_is_read_as_it_is():
     spec = parse_recording_spec("data/intel.bag")
     assert spec.path == Path("data/intel.bag")
     assert spec.options == RecordingOptions()
+    assert spec.name == "intel"
 
 
 def test_options_are_those_of_build_maps():
     spec = parse_recording_spec(
         "a.bag,angle_step_deg=1.0,scan-topic=/x,sensor_pose=-1 2 0,upside_down,clock_offset=-82.2"
     )
+    assert spec.text.startswith("a.bag,angle_step_deg=1.0,")
     assert spec.options == RecordingOptions(
         angle_step_deg=1.0, scan_topic="/x", sensor_pose=SE2(-1.0, 2.0, 0.0), upside_down=True, clock_offset=-82.2
     )
