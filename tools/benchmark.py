@@ -231,11 +231,14 @@ def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
 
 
 def _run(args: argparse.Namespace) -> None:
+    from tools.command_line.measurement_record import describe_machine
+
     recordings = getattr(args, "recordings", ())
     check_exist(spec.path for spec in recordings)
     names = Counter(spec.name for spec in recordings)
     for name in (name for name, count in names.items() if count > 1):
         raise TbmSlamError(f"two recordings are named {name}: rename a file, or measure one at a time")
+    args.machine = describe_machine()  # before the benchmark is itself its load
     module, function = args.function.split(".")
     getattr(import_module(f"{benchmarks.__name__}.{module}"), function)(args)
 

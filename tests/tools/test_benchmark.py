@@ -57,6 +57,13 @@ def test_wrong_usage_is_exit_2(usage_error, arguments, message):
     assert message in usage_error(main, arguments)
 
 
+def test_the_machine_is_described_before_the_benchmark_runs(monkeypatch):
+    described = []
+    monkeypatch.setattr("tools.benchmarks.scaling.benchmark_limits", lambda args: described.append(args.machine))
+    assert main(["limits"]) == 0
+    assert described[0]["cores"] >= 1
+
+
 def test_ctrl_c_is_one_line(monkeypatch, capsys):
     def give_up(_):
         raise KeyboardInterrupt

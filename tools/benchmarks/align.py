@@ -16,7 +16,7 @@ from merging.baselines.howard import Encounter, measured
 from tbmslam.belief.grid import TbmGrid, walls_and_free
 from tbmslam.geometry.se2 import SE2, BoolArray
 from tools.calibration.calibration_report import BINS, calibration_table
-from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.measurement_record import finish
 from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
 from tools.map_pairs.known_pair import KnownPair
@@ -81,7 +81,7 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
     if args.details:
         for method, found in results.items():
             print(f"\n{method}\n{details(found)}")
-    finish(args, describe_machine(), {"methods": table}, {"methods": results})
+    finish(args, {"methods": table}, {"methods": results})
     if args.plot:
         from tools.calibration.calibration_report import draw_calibration
 

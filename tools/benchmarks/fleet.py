@@ -26,7 +26,7 @@ from tbmslam.io.pictures import Picture, encode_png
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.strangers import building_of
-from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.measurement_record import finish
 from tools.command_line.text_table import ResultTable, number, text_table
 from tools.map_pairs.placed_maps import joined_pairs, known_pair, maps_by_name, shuffled
 
@@ -64,7 +64,6 @@ class FleetRun:
 
 def benchmark_fleet(args: argparse.Namespace) -> None:
     """Merge fleets of the given sizes and print the table."""
-    machine = describe_machine()
     plots = itertools.chain([args.plot], itertools.repeat(None))
     runs = [
         in_fresh_process(run_fleet, buildings, maps_each, seed, args.workers, args.scheduler, next(plots))
@@ -74,7 +73,7 @@ def benchmark_fleet(args: argparse.Namespace) -> None:
     table = ResultTable.of([_row(run) for run in runs])
     print(text_table(*table))
     print(NOTES)
-    finish(args, machine, {"fleets": table}, {"fleets": runs})
+    finish(args, {"fleets": table}, {"fleets": runs})
 
 
 def run_fleet(

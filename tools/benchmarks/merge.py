@@ -17,7 +17,7 @@ from merging.registration.ransac import find_consensus
 from tbmslam.belief.grid import GridGeometry
 from tbmslam.geometry.se2 import SE2
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
-from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.measurement_record import finish
 from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
 from tools.map_pairs.known_pair import KnownPair
@@ -68,14 +68,14 @@ class MergeRun:
 
 def benchmark_merge(args: argparse.Namespace) -> None:
     """Run the benchmark and print the table."""
-    machine, runs = describe_machine(), []
+    runs = []
     for area in args.areas:
         say(f"benchmark: {area:g} m2")
         runs.append(in_fresh_process(run_merge, area, args.repeat))
     table = ResultTable.of([_row(run) for run in runs])
     print(text_table(*table))
     print(NOTES.format(repeat=args.repeat))
-    finish(args, machine, {"areas": table}, {"runs": runs})
+    finish(args, {"areas": table}, {"runs": runs})
 
 
 def run_merge(area: float, repeat: int) -> MergeRun:

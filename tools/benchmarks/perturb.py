@@ -23,7 +23,7 @@ from tbmslam.sensing.laser_scan import Reading
 from tbmslam.slam import Slam
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_processes
 from tools.benchmarks.recordings import DriveErrors, RecordingSpec, drive_errors, truth_beside
-from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.measurement_record import finish
 from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
 
@@ -255,7 +255,7 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
     every = [score for entry in record for score in entry["scores"]]
     print(summary(every))
     overview = ResultTable.of([_overview(entry["recording"], entry["scores"]) for entry in record])
-    finish(args, describe_machine(), {"overview": overview, **tables}, {"recordings": record})
+    finish(args, {"overview": overview, **tables}, {"recordings": record})
 
 
 def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, unperturbed: DriveErrors) -> Score:

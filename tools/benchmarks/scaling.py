@@ -14,7 +14,7 @@ from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.slam import Slam
 from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.slam import CpuClock, warm_up
-from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.measurement_record import finish
 from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
 
@@ -54,7 +54,7 @@ class ScalingRun:
 
 def benchmark_scaling(args: argparse.Namespace) -> None:
     """Run the benchmark and print the table."""
-    machine, runs, failures = describe_machine(), [], []
+    runs, failures = [], []
     for preset_name, route, length in itertools.product(args.preset, ROUTES, args.lengths):
         label = f"{route} {preset_name} {length:g} m"
         say(f"benchmark: {label}")
@@ -67,7 +67,7 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
     print(NOTES)
     for failure in failures:
         print(failure)
-    finish(args, machine, {"drives": table}, {"runs": runs, "failures": failures})
+    finish(args, {"drives": table}, {"runs": runs, "failures": failures})
 
 
 def run_scaling(preset_name: str, route: Route, length: float, beams: int, rate: float = _SCAN_RATE) -> ScalingRun:
@@ -156,7 +156,7 @@ LIMITS = (
 
 def benchmark_limits(args: argparse.Namespace) -> None:
     """Map drives of the promised size, or of the given share of it, and print the table."""
-    machine, rows, runs = describe_machine(), [], []
+    rows, runs = [], []
     for limit in LIMITS:
         say(f"benchmark: {limit.name}")
         length = args.share * limit.length
@@ -169,7 +169,7 @@ def benchmark_limits(args: argparse.Namespace) -> None:
         rows.append(_limit_row(limit.name, length, run, "yes" if run.peak_memory_mb <= _PROMISED_MB else "NO"))
     table = ResultTable.of(rows)
     print(text_table(*table))
-    finish(args, machine, {"limits": table}, {"runs": runs})
+    finish(args, {"limits": table}, {"runs": runs})
 
 
 def _limit_row(name: str, length: float, run: ScalingRun | None, verdict: str) -> dict[str, str]:

@@ -28,7 +28,7 @@ from tbmslam.sensing.laser_scan import Reading
 from tbmslam.slam import Slam
 from tools.benchmarks.measured_process import in_fresh_process, peak_memory_mb
 from tools.benchmarks.recordings import RecordingSpec, beside
-from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.measurement_record import finish
 from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
 
@@ -190,7 +190,6 @@ class Result:
 
 def benchmark_slam(args: argparse.Namespace) -> None:
     """Run the benchmark and print the tables."""
-    machine = describe_machine()
     results: list[Result] = []
     for entry in _entries(args):
         if not results:
@@ -204,7 +203,7 @@ def benchmark_slam(args: argparse.Namespace) -> None:
     if (seeds := seeds_table(results)).rows:
         print(text_table(*seeds))
     tables = {"drives": drives, "seeds": seeds, **by_preset(results)}
-    finish(args, machine, tables, {"results": results})
+    finish(args, tables, {"results": results})
 
 
 def median_run(runs: Sequence[SlamRun]) -> SlamRun:

@@ -25,7 +25,7 @@ from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps
 from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
 from tools.benchmarks.recordings import as_words
-from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.measurement_record import finish
 from tools.command_line.paths import map_folders
 from tools.command_line.program import say
 from tools.command_line.text_table import ResultTable, number, text_table
@@ -93,7 +93,7 @@ def benchmark_split(args: argparse.Namespace) -> None:
         if run.truth_doubt is not None:
             print(f"{run.recording}, {run.robots} robots: {TRUTH_FILE} {run.truth_doubt}")
     print(NOTES)
-    finish(args, describe_machine(), {"robots": table}, {"runs": runs})
+    finish(args, {"robots": table}, {"runs": runs})
 
 
 def cut(text: str, robots: int, out: Path) -> None:

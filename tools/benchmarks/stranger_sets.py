@@ -17,7 +17,7 @@ from merging.alignment import Pair
 from merging.map_graph.grouping import groups_of
 from tbmslam.parallel.executor import Executor
 from tools.benchmarks.strangers import building_of, meetings, rate_of, some_part
-from tools.command_line.measurement_record import describe_machine, finish
+from tools.command_line.measurement_record import finish
 from tools.command_line.text_table import ResultTable, text_table
 from tools.map_pairs.placed_maps import joined_pairs, known_pair, maps_by_name, shuffled
 
@@ -56,7 +56,6 @@ class StrangerSet:
 
 def benchmark_sets(args: argparse.Namespace) -> None:
     """Merge sets and print the rate of false joins."""
-    machine = describe_machine()
     tasks = [(index, args.seed) for index in range(args.sets)]
     met = list(tqdm(meetings(meet_set, tasks, Executor(args.workers), 1), total=args.sets, disable=None))
     table = summary(met)
@@ -66,7 +65,7 @@ def benchmark_sets(args: argparse.Namespace) -> None:
             how = "an accepted pair" if set(outcome.accepted) & set(outcome.joined) else "refused pairs that agree"
             names = sorted(set(itertools.chain.from_iterable(outcome.joined)))
             print(f"wrongly joined: {', '.join(names)} of set {outcome.number}, {outcome.kind}, by {how}")
-    finish(args, machine, {"sets": table}, {"seed": args.seed, "sets": met})
+    finish(args, {"sets": table}, {"seed": args.seed, "sets": met})
 
 
 def summary(met: list[StrangerSet]) -> ResultTable:

@@ -30,7 +30,7 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.parallel.cluster import code_digest, packages_of
 from tbmslam.parallel.executor import Call, Executor
 from tbmslam.special_file import why_unreadable
-from tools.command_line.measurement_record import describe_machine, finish, write_figures
+from tools.command_line.measurement_record import finish, write_figures
 from tools.command_line.text_table import ResultTable, number, text_table
 from tools.map_pairs.known_pair import KnownPair
 
@@ -77,13 +77,12 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
     kinds = list(KINDS)
     tasks = [(kinds[index % len(KINDS)], index // len(KINDS), args.seed) for index in range(args.pairs)]
     left = [task for task in tasks if task[:2] not in done]
-    machine = describe_machine()
     # Neighbouring tasks share a building, so a worker gets many of them at a time.
     encountered = meetings(meet, left, Executor(args.workers), len(KINDS) * _PAIRS_A_BUILDING)
     for met, encounter in enumerate(tqdm(encountered, total=len(left), disable=None), start=1):
         done[encounter.kind, encounter.number] = encounter
         if met % _SAVED_EVERY == 0:
-            write_figures(args.json, machine, what | {"encounters": [*done.values()]})
+            write_figures(args.json, args.machine, what | {"encounters": [*done.values()]})
     encounters = sorted((done[task[:2]] for task in tasks), key=lambda encounter: (encounter.kind, encounter.number))
     rows = [
         _row(kind, about, [encounter for encounter in encounters if encounter.kind == kind])
@@ -94,7 +93,7 @@ def benchmark_strangers(args: argparse.Namespace) -> None:
     for encounter in encounters:
         if encounter.is_wrong:
             print(f"wrongly accepted: {encounter.name}, confidence {encounter.confidence:.3f}")
-    finish(args, machine, {"pairs": ResultTable(HEAD, rows)}, what | {"encounters": [*done.values()]})
+    finish(args, {"pairs": ResultTable(HEAD, rows)}, what | {"encounters": [*done.values()]})
 
 
 def meet(kind: str, number_of_pair: int, seed: int) -> Encounter:

@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import importlib.metadata
 import json
 import os
 import platform
@@ -12,9 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tbmslam.io.atomic_file import write_text
+from tbmslam.report.page import versions
 from tools.command_line.text_table import ResultTable
-
-LIBRARIES = ("tbmslam", "numpy", "numba", "scipy", "opencv-python-headless", "rosbags")
 
 
 def describe_machine() -> dict[str, object]:
@@ -24,14 +22,8 @@ def describe_machine() -> dict[str, object]:
         "cores": os.cpu_count(),
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
-        "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in LIBRARIES},
+        **versions(),
     }
-
-
-def machine_line(machine: Mapping[str, object]) -> str:
-    """Return a description as a readable line."""
-    return ", ".join(f"{key} {value}" for key, value in machine.items())
 
 
 def _processor() -> str:
@@ -75,16 +67,11 @@ def write_figures(path: Path | None, machine: Mapping[str, object], figures: Map
         write_text(path, json.dumps(record, indent=2, default=dataclasses.asdict) + "\n")
 
 
-def finish(
-    args: argparse.Namespace,
-    machine: Mapping[str, object],
-    tables: Mapping[str, ResultTable],
-    figures: Mapping[str, object],
-) -> None:
-    """Print the machine, and write the tables and figures of a benchmark to the files of `--table` and `--json`."""
-    print(machine_line(machine))
-    write_tables(args.table, machine, tables)
-    write_figures(args.json, machine, figures)
+def finish(args: argparse.Namespace, tables: Mapping[str, ResultTable], figures: Mapping[str, object]) -> None:
+    """Print `args.machine`, and write the tables and figures of a benchmark to the files of `--table` and `--json`."""
+    print(", ".join(f"{key} {value}" for key, value in args.machine.items()))
+    write_tables(args.table, args.machine, tables)
+    write_figures(args.json, args.machine, figures)
 
 
 def commit_of_code(root: Path) -> str | None:

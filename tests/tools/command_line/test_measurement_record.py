@@ -1,3 +1,4 @@
+import importlib.metadata
 import json
 import platform
 import subprocess
@@ -14,6 +15,14 @@ def test_processor_and_versions_are_named():
     assert machine["cores"] >= 1
     assert machine["processor"]
     assert {"numpy", "numba", "tbmslam"} <= set(machine)
+
+
+def test_a_clone_that_is_not_installed_has_a_machine(monkeypatch):
+    def missing(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", missing)
+    assert "tbmslam" not in describe_machine()
 
 
 def test_tables_are_written_with_commit_date_and_machine(tmp_path):
