@@ -34,7 +34,7 @@ EXAMPLES = """examples:
       simulated drives (kind:seed:odometry and options of `tbmslam world`), medians of three runs
   tbmslam benchmark slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
       a drive through each of ten buildings, and the worst of them
-  tbmslam benchmark align map-pairs/ --details --plot calibration.png
+  tbmslam benchmark align map-pairs/ --details
       every .npz pair of a folder (docs/confidence.md), with a line for each wrong pair
   tbmslam benchmark align map-pairs/ --method all
       all methods in one table, with those of the related work
@@ -85,7 +85,9 @@ def _add_slam(slam: argparse.ArgumentParser) -> None:
         help="a simulated drive, e.g. office:1:good,beams=361; may be repeated. ODOMETRY: good, poor, none (without "
         "error) or ignored (the SLAM has none)",
     )  # fmt: skip
-    slam.add_argument("--seeds", type=_COUNT, default=1, metavar="N", help="each world with SEED and the N - 1 next")
+    slam.add_argument(
+        "--seeds", type=_COUNT, default=1, metavar="N", help="run each world with SEED and the next N - 1 seeds"
+    )
     slam.add_argument("--repeat", type=_COUNT, default=1, metavar="N", help="runs of each; the median is shown (1)")
     _add_preset(slam)
 
@@ -95,7 +97,6 @@ def _add_scaling(scaling: argparse.ArgumentParser) -> None:
         "--lengths", type=comma_separated(number_within(float, 1.0, 1e7)), default="125,250,500,1000", metavar="M,...",
         help="metres to drive (125,250,500,1000); 10000 reaches 1 km2 and takes long",
     )  # fmt: skip
-    scaling.add_argument("--beams", type=_COUNT, default=180, help="beams of a scan (180)")
     _add_preset(scaling)
 
 
@@ -112,7 +113,6 @@ def _add_align(align: argparse.ArgumentParser) -> None:
         help=f"one or more of {', '.join(PAIR_METHODS)}, or all (correlation); howard is given a simulated encounter",
     )  # fmt: skip
     align.add_argument("--details", action="store_true", help="print a line for every pair that is not right")
-    align.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the calibration here")
 
 
 def _add_merge(merge: argparse.ArgumentParser) -> None:
@@ -140,7 +140,7 @@ def _add_perturb(perturb: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     perturb.add_argument(
         "--without", action="append", default=[], metavar="A.B=C",
-        help="run also with this parameter, such as one that disables a rule; may be repeated",
+        help="add a run with this changed parameter, e.g. with a rule disabled; may be repeated",
     )  # fmt: skip
     perturb.add_argument("--jobs", type=_COUNT, default=1, metavar="N", help="runs at a time; the result is equal (1)")
 
@@ -164,7 +164,7 @@ def _add_fleet(fleet: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     fleet.add_argument(
         "--seeds", type=comma_separated(_SEED), default="0", metavar="N,...",
-        help="seeds of the buildings, a fleet of each (0)",
+        help="seeds of the buildings; each seed gives one fleet (0)",
     )  # fmt: skip
     fleet.add_argument("--workers", type=_COUNT, default=1, metavar="N", help="processes; the result is equal (1)")
     fleet.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose workers align the pairs")

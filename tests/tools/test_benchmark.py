@@ -47,7 +47,6 @@ def test_two_recordings_of_one_name_are_an_error(tmp_path, capsys, command):
         (["perturb", "a.bag", "--jobs", "0"], "--jobs: must be a whole number of at least 1, got '0'"),
         (["perturb", "a.bag,angel=1"], "unrecognized arguments: --angel 1"),
         (["scaling", "--lengths", "0"], "--lengths: must be a number within 1 and 1e+07, got '0'"),
-        (["scaling", "--beams", "0"], "--beams: must be a whole number of at least 1"),
         (["fleet", "0x40"], "must be BUILDINGSxMAPS, as 30x10, of 2 to 10000 maps, got '0x40'"),
         (["limits", "--share", "2"], "--share: must be a number within 0.0001 and 1, got '2'"),
         (["align", "pairs", "--method", "best"], "--method: there is no 'best'; there are correlation, features"),

@@ -64,7 +64,6 @@ class PairResult:
 def benchmark_pairs(args: argparse.Namespace) -> None:
     """Align all pairs of a folder and print the tables."""
     from tbmslam.errors import TbmSlamError
-    from tbmslam.io.atomic_file import write_bytes
 
     paths = sorted(args.pairs.glob("*.npz"))
     if not paths:
@@ -82,10 +81,6 @@ def benchmark_pairs(args: argparse.Namespace) -> None:
         for method, found in results.items():
             print(f"\n{method}\n{details(found)}")
     finish(args, {"methods": table}, {"methods": results})
-    if args.plot:
-        from tools.calibration.calibration_report import draw_calibration
-
-        write_bytes(args.plot, draw_calibration(first, BINS))
 
 
 def _measure_all(paths: Sequence[Path], method: str) -> list[PairResult]:

@@ -25,6 +25,7 @@ closed during the drive."""
 
 _SCAN_RATE = 5.0  # [Hz]: a scan every 10 cm or so
 _BLOCK = 50
+_BEAMS = 180
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
         label = f"{route} {preset_name} {length:g} m"
         say(f"benchmark: {label}")
         try:
-            runs.append(in_fresh_process(run_scaling, preset_name, route, length, args.beams))
+            runs.append(in_fresh_process(run_scaling, preset_name, route, length, _BEAMS))
         except MeasurementError as error:
             failures.append(f"{label}: {error}")
     table = ResultTable.of([_row(run) for run in runs])
@@ -136,7 +137,6 @@ def _row(run: ScalingRun) -> dict[str, str]:
 
 _PROMISED_MB = 2000.0
 _SPEED = 0.455  # [m/s], of `EndlessDrive` round a block, corners and all
-_BEAMS = 180
 
 
 class Limit(NamedTuple):
