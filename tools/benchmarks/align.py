@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from merging.alignment import Alignment
 
 
-OVERLAPS = (100, 75, 50, 35, 25, 15)
-
 SUMMARY_NOTES = """\
 By overlap: accepted and right. error m, error deg: medians of these. in deviations: RMS of their errors in stated
 standard deviations. CPU s, most: median and maximum of a pair. ambiguous: refused as ambiguous. bent: accepted
@@ -44,9 +42,11 @@ class PairResult:
     overlap: int | None
     """Overlap in percent; None if the maps show different places."""
     accepted: bool
+    """Whether the best pose was accepted."""
     right: bool
+    """Whether the best pose is the true pose."""
     ambiguous: bool
-    """Whether the best pose was accepted, is the true pose, and was refused as ambiguous."""
+    """Whether the pair was refused because several poses fit well."""
     confidence: float
     """Stated probability that the pose is right."""
     translation_error_m: float | None
@@ -137,7 +137,7 @@ def summary(results: Sequence[PairResult], method: str) -> ResultTable:
     row = {
         "method": method,
         "pairs": str(len(results)),
-        **_by_overlap(true),
+        **_by_overlap(true, _overlaps(true)),
         **_false_accepts(results),
         "error m": number(_median(metres), 3),
         "error deg": number(_median(degrees), 2),
@@ -152,13 +152,13 @@ def summary(results: Sequence[PairResult], method: str) -> ResultTable:
 
 def comparison(results: Mapping[str, Sequence[PairResult]]) -> ResultTable:
     """Return one table of several methods on the same pairs."""
-    rows = []
+    rows, overlaps = [], _overlaps([result for found in results.values() for result in found])
     for method, found in results.items():
         true = [result for result in found if result.overlap is not None]
         cpu = [r.cpu_s for r in found]
         row = {
             "method": method,
-            **_by_overlap(true),
+            **_by_overlap(true, overlaps),
             "all": _share(true),
             **_false_accepts(found),
             "best place right": str(sum(r.right for r in true)),
@@ -176,8 +176,12 @@ def details(results: Sequence[PairResult]) -> str:
     return text_table(["pair", "reason", "confidence", "best place"], rows) if rows else "all decisions are right"
 
 
-def _by_overlap(true: Sequence[PairResult]) -> dict[str, str]:
-    return {f"{overlap} %": _share([r for r in true if r.overlap == overlap]) for overlap in OVERLAPS}
+def _overlaps(results: Sequence[PairResult]) -> list[int]:
+    return sorted({result.overlap for result in results if result.overlap is not None}, reverse=True)
+
+
+def _by_overlap(true: Sequence[PairResult], overlaps: Sequence[int]) -> dict[str, str]:
+    return {f"{overlap} %": _share([r for r in true if r.overlap == overlap]) for overlap in overlaps}
 
 
 def _false_accepts(results: Sequence[PairResult]) -> dict[str, str]:
