@@ -16,12 +16,14 @@ import numpy as np
 from datasets import open_recording
 from tbmslam.configuration.parameters import changed, parse_setting
 from tbmslam.configuration.slam_config import SlamConfig
+from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2, compose
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.tbm_map import TbmMap
+from tbmslam.parallel.executor import Call, Executor
 from tbmslam.sensing.laser_scan import Reading
 from tbmslam.slam import Slam
-from tools.benchmarks.measured_process import MeasurementError, in_fresh_processes
+from tools.benchmarks.measured_process import in_fresh_process
 from tools.benchmarks.recordings import DriveErrors, RecordingSpec, drive_errors, truth_beside
 from tools.command_line.measurement_record import finish
 from tools.command_line.program import say
@@ -166,6 +168,16 @@ def config_with(setting: str | None) -> SlamConfig:
     return config if setting is None else changed(config, parse_setting(setting), "--without")
 
 
+def errors_of(spec: RecordingSpec, perturbation: Perturbation) -> DriveErrors:
+    """Return the errors of `run_perturbed` in a process of its own, whose end does not stop other runs."""
+    try:
+        return in_fresh_process(run_perturbed, spec, perturbation)
+    except TbmSlamError:
+        raise
+    except Exception as error:
+        raise TbmSlamError(f"{type(error).__name__}: {error}") from error
+
+
 def run_perturbed(spec: RecordingSpec, perturbation: Perturbation) -> DriveErrors:
     """Map a perturbed recording in this process and compare it with the truth beside it."""
     truth = truth_beside(spec.path)
@@ -234,17 +246,17 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
     for spec in args.recordings:
         truth_beside(spec.path)
     tasks = [(spec, perturbation) for spec in args.recordings for perturbation in chosen]
-    answers: dict[int, DriveErrors | MeasurementError] = {}
-    for index, answer in in_fresh_processes(run_perturbed, tasks, args.jobs):
-        answers[index] = answer
-        spec, perturbation = tasks[index]
+    calls = [Call(f"{index}", errors_of, task) for index, task in enumerate(tasks)]
+    answers: list[DriveErrors | TbmSlamError] = []
+    for (spec, perturbation), answer in zip(tasks, Executor(args.jobs).outcomes(calls), strict=True):
+        answers.append(answer)
         say(f"benchmark: {len(answers)}/{len(tasks)} {spec.path.name} {perturbation.name}")
-        if perturbation is UNPERTURBED and isinstance(answer, MeasurementError):
+        if perturbation is UNPERTURBED and isinstance(answer, TbmSlamError):
             raise answer
     record: list[dict[str, Any]] = []
     tables: dict[str, ResultTable] = {}
     for begin, spec in zip(range(0, len(tasks), len(chosen)), args.recordings, strict=True):
-        scores = _scores(chosen, [answers[begin + index] for index in range(len(chosen))])
+        scores = _scores(chosen, answers[begin : begin + len(chosen)])
         unperturbed = answers[begin]
         is_ate = isinstance(unperturbed, DriveErrors) and unperturbed.kind == "poses"
         name = spec.name
@@ -258,9 +270,9 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
     finish(args, {"overview": overview, **tables}, {"recordings": record})
 
 
-def score(perturbation: Perturbation, errors: DriveErrors | MeasurementError, unperturbed: DriveErrors) -> Score:
+def score(perturbation: Perturbation, errors: DriveErrors | TbmSlamError, unperturbed: DriveErrors) -> Score:
     """Compare a run with the unperturbed run."""
-    if isinstance(errors, MeasurementError):
+    if isinstance(errors, TbmSlamError):
         return Score(perturbation.name, None, None, 0, 0, None, f"FAILED: {errors}")
     left_out = unperturbed.has_scans & ~errors.has_scans
     # Some true poses may lie between the scans.
@@ -296,9 +308,9 @@ def _counts(scores: Sequence[Score]) -> tuple[int, int, int]:
     return len(verdicts), len(misses), sum(verdict != "MISS" for verdict in misses)
 
 
-def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | MeasurementError]) -> list[Score]:
+def _scores(chosen: Sequence[Perturbation], answers: Sequence[DriveErrors | TbmSlamError]) -> list[Score]:
     unperturbed = answers[0]
-    if isinstance(unperturbed, MeasurementError):
+    if isinstance(unperturbed, TbmSlamError):
         raise unperturbed
     return [score(row, errors, unperturbed) for row, errors in zip(chosen, answers, strict=True)]
 

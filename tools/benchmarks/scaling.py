@@ -10,9 +10,10 @@ from typing import NamedTuple
 from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import ROUTES, EndlessDrive, OdometryNoise, Route
 from tbmslam.configuration.slam_config import preset
+from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.slam import Slam
-from tools.benchmarks.measured_process import MeasurementError, forget_peak_memory, in_fresh_process, peak_memory_mb
+from tools.benchmarks.measured_process import forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.slam import CpuClock, warm_up
 from tools.command_line.measurement_record import finish
 from tools.command_line.program import say
@@ -61,7 +62,7 @@ def benchmark_scaling(args: argparse.Namespace) -> None:
         say(f"benchmark: {label}")
         try:
             runs.append(in_fresh_process(run_scaling, preset_name, route, length, _BEAMS))
-        except MeasurementError as error:
+        except (TbmSlamError, MemoryError) as error:
             failures.append(f"{label}: {error}")
     table = ResultTable.of([_row(run) for run in runs])
     print(text_table(*table))
@@ -162,7 +163,7 @@ def benchmark_limits(args: argparse.Namespace) -> None:
         length = args.share * limit.length
         try:
             run = in_fresh_process(run_scaling, "default", limit.route, length, _BEAMS, limit.rate)
-        except MeasurementError as error:
+        except (TbmSlamError, MemoryError) as error:
             rows.append(_limit_row(limit.name, length, None, f"no: {error}"))
             continue
         runs.append({"name": limit.name, **dataclasses.asdict(run)})

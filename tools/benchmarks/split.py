@@ -16,6 +16,7 @@ from merging import merge
 from merging.joint_slam import redraw
 from tbmslam.belief.grid_resampling import resample
 from tbmslam.belief.masses import FREE
+from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.map_agreement import MapAgreement, cell_labels, map_agreement, refine_map_transform
 from tbmslam.evaluation.relations import matching_poses
 from tbmslam.evaluation.trajectory_errors import fit_rigid
@@ -23,7 +24,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.io.map_folder import load_map
 from tbmslam.map.tbm_map import TbmMap
 from tools import build_maps
-from tools.benchmarks.measured_process import MeasurementError, in_fresh_process
+from tools.benchmarks.measured_process import in_fresh_process
 from tools.benchmarks.recordings import as_words
 from tools.command_line.measurement_record import finish
 from tools.command_line.paths import map_folders
@@ -103,7 +104,7 @@ def cut(text: str, robots: int, out: Path) -> None:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(printed):
         code = build_maps.main([path, *as_words(settings), "--robots", str(robots), "-o", str(out)])
     if code != 0:
-        raise MeasurementError(printed.getvalue().strip().splitlines()[-1])
+        raise TbmSlamError(printed.getvalue().strip().splitlines()[-1])
 
 
 def agreement_of(again: Path, undivided: Path) -> float:
@@ -181,7 +182,7 @@ def pose_by_drives(undivided: TbmMap, merged: TbmMap) -> SE2:
         here.append(trajectory.poses[j, :2])
     target, source = np.vstack(there), np.vstack(here)
     if len(target) < 2:
-        raise MeasurementError("the merged map and the map of the whole recording have no common stamps")
+        raise TbmSlamError("the merged map and the map of the whole recording have no common stamps")
     return fit_rigid(target, source)[0]
 
 

@@ -1,4 +1,3 @@
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -8,14 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.relations import read_relations
-from tools.benchmarks.measured_process import (
-    MeasurementError,
-    forget_peak_memory,
-    in_fresh_process,
-    in_fresh_processes,
-    peak_memory_mb,
-)
+from tbmslam.parallel.worker_pool import WorkerDiedError
+from tools.benchmarks.measured_process import forget_peak_memory, in_fresh_process, peak_memory_mb
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -43,46 +38,13 @@ def test_a_peak_can_be_forgotten():
 
 
 def test_a_known_error_keeps_its_line(tmp_path):
-    with pytest.raises(MeasurementError, match=r"none\.relations: cannot be read as relations"):
+    with pytest.raises(TbmSlamError, match=r"none\.relations: cannot be read as relations"):
         in_fresh_process(read_relations, tmp_path / "none.relations")
 
 
 def test_a_dead_process_is_reported():
-    with pytest.raises(MeasurementError, match=r"the process died \(exit code 9\): memory may have run out"):
+    with pytest.raises(WorkerDiedError, match="perhaps out of memory: run again with fewer processes"):
         in_fresh_process(os._exit, 9)
-
-
-def test_several_calls_are_made_side_by_side(tmp_path):
-    def met():  # each waits for the other
-        here, there = tmp_path / "here", tmp_path / "there"
-        return [(str(here), str(there)), (str(there), str(here))]
-
-    assert sorted(in_fresh_processes(meet, met(), 2)) == [(0, True), (1, True)]
-
-
-def meet(mine, other):
-    Path(mine).touch()
-    latest = time.monotonic() + 60.0
-    while not Path(other).exists() and time.monotonic() < latest:
-        time.sleep(0.01)
-    return Path(other).exists()
-
-
-def test_one_at_a_time_is_in_order_and_a_failure_is_an_answer(tmp_path):
-    missing = tmp_path / "none.relations"
-    answers = list(in_fresh_processes(read_relations, [(missing,), (missing,)], 1))
-    assert [number for number, _ in answers] == [0, 1]
-    assert all(isinstance(answer, MeasurementError) and "none.relations" in str(answer) for _, answer in answers)
-    assert list(in_fresh_processes(read_relations, [], 3)) == []
-
-
-def test_whoever_stops_asking_leaves_no_process_behind():
-    calls = in_fresh_processes(time.sleep, [(0.0,), (60.0,)], 2)
-    assert next(calls) == (0, None)
-    began = time.monotonic()
-    calls.close()
-    assert time.monotonic() - began < 20.0
-    assert not multiprocessing.active_children()
 
 
 SLEEPING = """

@@ -7,6 +7,7 @@ import pytest
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.configuration.parameters import ConfigError
+from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.trajectory_file import read_tum
@@ -15,7 +16,6 @@ from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tools.benchmark import main
-from tools.benchmarks.measured_process import MeasurementError
 from tools.benchmarks.perturb import (
     UNPERTURBED,
     Perturbation,
@@ -132,7 +132,7 @@ def test_true_poses_between_the_scans_do_not_count():
 def test_the_unperturbed_run_has_no_verdict_and_a_failed_run_has_a_reason():
     base = errors([0.1, NAN])
     assert score(UNPERTURBED, base, base) == Score("as it is", pytest.approx(0.1), pytest.approx(1.0), 1, 0, 1.0, "-")
-    failed = score(Perturbation("a little"), MeasurementError("no scan is left"), base)
+    failed = score(Perturbation("a little"), TbmSlamError("no scan is left"), base)
     assert failed.verdict == "FAILED: no scan is left"
     rows = [score(UNPERTURBED, base, base), failed, scored([0.1], [0.1]), scored([0.3], [0.1]), scored([NAN], [0.1])]
     assert summary(rows) == "4 perturbed runs, 3 misses, 2 of them lost or failed"
@@ -183,6 +183,16 @@ def test_a_simulated_drive(recording, tmp_path, capfd, monkeypatch):
     assert [row[0] for row in tables["robot_0"]["rows"]] == list(cells)
     again, _, same_record = printed("1")
     assert (again, same_record) == (lines, record)
+
+
+def test_a_run_that_fails_is_a_row_and_the_others_go_on(recording, capsys, monkeypatch):
+    few = [UNPERTURBED, Perturbation("broken", change=len), Perturbation("the same")]
+    monkeypatch.setattr("tools.benchmarks.perturb.perturbations", lambda _: few)
+    assert main(["perturb", str(recording), "--jobs", "2"]) == 0
+    rows = [[cell.strip() for cell in line.split("|")] for line in capsys.readouterr().out.splitlines()]
+    verdicts = {row[1]: row[-2] for row in rows if len(row) > 6}
+    assert verdicts["broken"].startswith("FAILED: TypeError: ")
+    assert (verdicts["as it is"], verdicts["the same"]) == ("-", "ok")
 
 
 def test_what_cannot_be_run_is_one_line_before_anything_runs(recording, tmp_path, capsys):

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.map.drive import Drive
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.tbm_map import TbmMap
 from tools import benchmark, make_world
-from tools.benchmarks.measured_process import MeasurementError
 from tools.benchmarks.split import overlap_share, pose_by_drives
 
 
@@ -41,7 +41,7 @@ def test_robots_are_matched_with_the_whole_drive_if_stamps_step_back():
     T_whole_merged = SE2(3.0, -2.0, 0.7)
     merged = driven(*(Trajectory(stamps[p], poses[p]).transformed(T_whole_merged.inverse()) for p in parts))
     assert pose_by_drives(driven(whole), merged) == pytest.approx(T_whole_merged, abs=1e-9)
-    with pytest.raises(MeasurementError, match="the merged map and the map of the whole recording have no common"):
+    with pytest.raises(TbmSlamError, match="the merged map and the map of the whole recording have no common"):
         pose_by_drives(driven(whole), driven(Trajectory(stamps + 100.0, poses)))
 
 
