@@ -75,7 +75,7 @@ docs/real-drives.png: install
 	cv2.imwrite('$@', cv2.hconcat([maps[0], gap]) // 16 * 16 + 8)"
 
 # A fleet as a graph, and the merged map of its largest group.
-docs/fleet.png: install
+docs/fleet.png: develop
 	$(BIN)/python tools/benchmark.py fleet 8x5 --seeds 31 --plot $@
 
 # The pages of docs and the library's names as a site, out/site/index.html.

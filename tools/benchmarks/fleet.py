@@ -2,16 +2,16 @@
 
 import argparse
 import dataclasses
+import io
 import itertools
 import math
 import os
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from datasets.synthetic.map_pairs.pairs import PlacedMap, maps_of
@@ -20,9 +20,7 @@ from merging.alignment import Pair
 from merging.fusion import fuse, place
 from merging.map_graph.grouping import Group, groups_of
 from tbmslam.belief.grid import TbmGrid
-from tbmslam.geometry.se2 import FloatArray
 from tbmslam.io.atomic_file import write_bytes
-from tbmslam.io.pictures import Picture, encode_png
 from tbmslam.map.tbm_map import TbmMap
 from tools.benchmarks.measured_process import forget_peak_memory, in_fresh_process, peak_memory_mb
 from tools.benchmarks.strangers import building_of
@@ -93,7 +91,7 @@ def run_fleet(
         layers = [place(maps[name].grid, pose, found.merged.grid.geometry) for name, pose in found.poses.items()]
         # Under the default rule, walls of maps without drives vanish if they differ by a cell.
         mean = fuse(layers, "average").grid
-        write_bytes(plot, encode_png(draw_fleet(every, accepted, list(found.alignments), mean)))
+        write_bytes(plot, draw_fleet(every, accepted, list(found.alignments), mean))
     right, wrong = _joined(groups, placed, maps)
     return FleetRun(
         seed,
@@ -159,87 +157,45 @@ def _row(run: FleetRun) -> dict[str, str]:
     }
 
 
-_FINER = 2  # factor of oversampling
-_HEIGHT, _MARGIN = 672, 24  # height of both pictures, and the margin around them [pixels]
-_RING, _NODE = 0.32, 0.045
-"""Radius of the ring of a group's maps, and of a map's dot, in sides of the group's square."""
+_RING = 0.32  # radius of the ring of a group's maps, in sides of the group's square
 _SURE = (0.3, 0.7)  # probabilities of occupied that are drawn white and black
-_WHITE, _FAINT, _ALONE, _UNSEEN = (255, 255, 255), (232, 232, 232), (150, 150, 150), 226
-_COLOURS = (
-    (178, 114, 0),
-    (0, 94, 213),
-    (115, 158, 0),
-    (167, 121, 204),
-    (0, 159, 230),
-    (233, 180, 86),
-    (61, 61, 158),
-    (128, 128, 0),
-)
-"""Colours of groups as blue, green, red; after M. Okabe and K. Ito, "Color universal design", 2008."""
+_UNSEEN = 0.345  # the probability whose grey is that of unknown cells
+_FAINT, _ALONE = "#E8E8E8", "#969696"
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#9E3D3D", "#008080")
+"""Colours of groups, after M. Okabe and K. Ito, "Color universal design", 2008."""
 
 
 def draw_fleet(
     groups: Sequence[Group], accepted: Collection[Pair], aligned: Collection[Pair], merged: TbmGrid
-) -> Picture:
+) -> bytes:
     """Draw maps as dots, with a ring for each group, and alignments as lines; beside them a merged map.
 
     The largest group comes first; single maps are grey. Accepted pairs have their group's colour, refused pairs are
-    faint.
+    faint. Returns a PNG.
     """
-    graph, grid = _graph(groups, set(accepted), aligned), _map(merged)
-    return np.hstack([_framed(graph), _framed(grid)])
+    from matplotlib.figure import Figure  # an extra, and slow to load
 
-
-def _framed(picture: Picture) -> Picture:
-    """Return a picture with a margin."""
-    framed = cv2.copyMakeBorder(picture, _MARGIN, _MARGIN, _MARGIN, _MARGIN, cv2.BORDER_CONSTANT, value=_WHITE)
-    return np.asarray(framed, dtype=np.uint8)
-
-
-def _graph(groups: Sequence[Group], accepted: set[Pair], aligned: Collection[Pair]) -> Picture:
-    across = max(math.ceil(math.sqrt(len(groups))), 1)
-    down = max(math.ceil(len(groups) / across), 1)
-    side = _HEIGHT / down
-    picture = np.full((_HEIGHT * _FINER, round(across * side) * _FINER, 3), 255, dtype=np.uint8)
-    places, colours = dict[str, FloatArray](), dict[str, tuple[int, int, int]]()
+    figure, across = Figure((14.4, 7.2), layout="constrained"), max(math.ceil(math.sqrt(len(groups))), 1)
+    graph, picture = figure.subplots(1, 2)
+    places, colours = dict[str, tuple[float, float]](), dict[str, str]()
     for index, group in enumerate(groups):
-        middle = (np.array([index % across, index // across]) + 0.5) * side
-        colour = _COLOURS[index % len(_COLOURS)] if len(group) > 1 else _ALONE
-        for name, spot in zip(group.poses, _ring(middle, side * _RING, len(group)), strict=True):
-            places[name], colours[name] = spot, colour
-    for pair in aligned:
-        if pair not in accepted:
-            _line(picture, places, pair, _FAINT, 1)
-    for pair in aligned:
-        if pair in accepted:
-            _line(picture, places, pair, colours[pair[0]], 2)
-    for name, spot in places.items():
-        for radius, colour in ((1.25 * _NODE, _WHITE), (_NODE, colours[name])):
-            cv2.circle(picture, _pixel(spot), round(radius * side * _FINER), colour, -1, cv2.LINE_AA)
-    return np.asarray(cv2.resize(picture, None, fx=1 / _FINER, fy=1 / _FINER, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _ring(middle: FloatArray, radius: float, count: int) -> Iterator[FloatArray]:
-    """Yield the positions of `count` maps on a ring, the first one above the middle."""
-    for turn in np.arange(count) * (2.0 * math.pi / count):
-        yield middle + (radius if count > 1 else 0.0) * np.array([math.sin(turn), -math.cos(turn)])
-
-
-def _line(
-    picture: Picture, places: Mapping[str, FloatArray], pair: Pair, colour: tuple[int, int, int], width: int
-) -> None:
-    cv2.line(picture, _pixel(places[pair[0]]), _pixel(places[pair[1]]), colour, width * _FINER, cv2.LINE_AA)
-
-
-def _pixel(place: FloatArray) -> tuple[int, int]:
-    return round(float(place[0]) * _FINER), round(float(place[1]) * _FINER)
-
-
-def _map(grid: TbmGrid) -> Picture:
-    """Return a picture of a map: walls are dark, free space is white, unknown cells are grey."""
-    known = grid.cropped_to_known(margin=8)
-    free = np.clip((_SURE[1] - known.pignistic()) / (_SURE[1] - _SURE[0]), 0.0, 1.0)
-    shades = np.where(known.is_known(), 255.0 * free, _UNSEEN).astype(np.uint8)[::-1]
-    size = max(round(shades.shape[1] * _HEIGHT / shades.shape[0]), 1), _HEIGHT
-    smaller = cv2.resize(np.ascontiguousarray(shades), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.cvtColor(smaller, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+        radius, colour = (_RING, _COLOURS[index % len(_COLOURS)]) if len(group) > 1 else (0.0, _ALONE)
+        for number_of_map, name in enumerate(group.poses):
+            turn = number_of_map * 2.0 * math.pi / len(group)
+            places[name] = index % across + radius * math.sin(turn), radius * math.cos(turn) - index // across
+            colours[name] = colour
+    for pair in sorted(aligned, key=set(accepted).__contains__):  # refused pairs lie below
+        line, colour = [places[name] for name in pair], colours[pair[0]] if pair in accepted else _FAINT
+        graph.plot(*zip(*line, strict=True), color=colour, linewidth=2.0 if pair in accepted else 1.0, zorder=1)
+    graph.scatter(
+        *zip(*places.values(), strict=True), 3e3 / across**2, [*colours.values()], edgecolors="white", zorder=2
+    )
+    known = merged.cropped_to_known(margin=8)
+    shades = np.where(known.is_known(), known.pignistic(), _UNSEEN)
+    picture.imshow(shades, "gray_r", vmin=_SURE[0], vmax=_SURE[1], origin="lower")
+    for axes in (graph, picture):
+        axes.set_aspect("equal")
+        axes.axis("off")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=100)
+    return buffer.getvalue()

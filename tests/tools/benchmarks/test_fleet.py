@@ -1,5 +1,6 @@
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -70,25 +71,29 @@ def groups(*sizes):
     return [Group({next(names): SE2.identity() for _ in range(size)}) for size in sizes]
 
 
+def drawn(*what):
+    return cv2.imdecode(np.frombuffer(draw_fleet(*what), np.uint8), cv2.IMREAD_COLOR)
+
+
 def count(picture, colour):
     return int((picture == colour).all(axis=2).sum())
 
 
 def test_each_group_has_its_colour_and_maps_alone_have_none(grid):
-    alone = draw_fleet(groups(1, 1), [], [], grid)
+    alone = drawn(groups(1, 1), [], [], grid)
     assert count(alone, BLUE) == 0
-    two = draw_fleet(groups(2, 2), [], [], grid)
+    two = drawn(groups(2, 2), [], [], grid)
     assert count(two, BLUE) == pytest.approx(count(two, VERMILION), rel=0.05)
     assert count(two, BLUE) > 100
 
 
 def test_accepted_alignments_are_lines_of_their_group(grid):
-    bare, joined = (draw_fleet(groups(2, 1), pairs, [("a", "b")], grid) for pairs in ([], [("a", "b")]))
+    bare, joined = (drawn(groups(2, 1), pairs, [("a", "b")], grid) for pairs in ([], [("a", "b")]))
     assert count(joined, BLUE) > count(bare, BLUE) + 100
 
 
 def test_the_map_lies_beside_it_with_its_walls_up(grid):
-    picture = draw_fleet(groups(2), [], [], grid)
+    picture = drawn(groups(2), [], [], grid)
     right = picture[:, -picture.shape[0] :, 0].astype(int)
     rows = np.flatnonzero((right == 0).sum(axis=1) > 50)
     assert 0 < len(rows) < 200
