@@ -241,9 +241,9 @@ def choose_slice(
     """Choose heights and beams for the clouds of a recording; raise a `DatasetError` if the slice is nearly empty.
 
     `heights` are the lowest and the highest point above the robot's frame [m]; None chooses a band around the sensor
-    without floor, which opens upwards with the range. `step_deg` is the angle between beams, of any sign; None chooses the finest angle whose beams have
-    points. `clouds` are the first clouds of the recording. Errors begin with `named`, the file and the topic of the
-    clouds.
+    without floor, which opens upwards with the range. `step_deg` is the angle between beams, of any sign; None chooses
+    the finest angle whose beams have points. `clouds` are the first clouds of the recording. Errors begin with `named`,
+    the file and the topic of the clouds.
     """
     low, high = heights or (T_robot_sensor.z - _HALF_HEIGHT, T_robot_sensor.z + _HALF_HEIGHT)
     if heights is None and T_robot_sensor.z > _FLOOR:
