@@ -92,10 +92,9 @@ def clean_ranges(ranges: npt.ArrayLike, range_min: float, range_max: float, rule
     beams = np.zeros((len(cleaned), len(FATES)), dtype=np.intp)
     beams[:, 0] = np.count_nonzero(np.isnan(cleaned), axis=1)
     beams[:, 1] = np.count_nonzero(no_return, axis=1)
-    if (cleaned <= max(range_min, 0.0)).any():  # rarely true
-        is_zero = cleaned == 0.0
+    if (cleaned <= range_min).any():  # rarely true
+        is_zero = (cleaned == 0.0) & ~no_return
         too_close = (cleaned < range_min) & ~is_zero & ~no_return  # REP 117: -inf is an object too close to measure
-        too_close |= cleaned < 0.0
         cleaned[is_zero | too_close] = np.nan
         beams[:, 2] = np.count_nonzero(is_zero, axis=1)
         beams[:, 3] = np.count_nonzero(too_close, axis=1)

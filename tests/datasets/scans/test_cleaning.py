@@ -38,14 +38,15 @@ def test_every_beam_has_one_fate_and_hits_lie_within_limits(ranges, no_return):
         st.integers(0, 50),
         elements=st.one_of(
             st.floats(width=32, allow_nan=True, allow_infinity=True),
-            st.sampled_from([np.float32(code) for code in (*KNOWN_CODES, 8.0, 8.0004, 8.0006, 30.0, 0.1)]),
+            st.sampled_from([np.float32(code) for code in (*KNOWN_CODES, 8.0, 8.0004, 8.0006, 30.0, 0.1, 0.0, -1.0)]),
         ),
     ),
     st.sampled_from([0.0, 0.1]),
     st.sampled_from([5.0, 30.0, 81.87, 100.0, np.inf]),
+    st.sampled_from([(), (0.0,), (-1.0,)]),
 )
-def test_every_beam_has_the_fate_that_the_rules_say(ranges, range_min, range_max):
-    codes = (*KNOWN_CODES, 8.0)
+def test_every_beam_has_the_fate_that_the_rules_say(ranges, range_min, range_max, more_codes):
+    codes = (*KNOWN_CODES, 8.0, *more_codes)
     expected = Counter()
     (cleaned,), (beams,) = clean_ranges(ranges[None], range_min, range_max, RangeRules(None, None, codes, "free"))
     for beam, value in zip(ranges.tolist(), cleaned.tolist(), strict=True):
