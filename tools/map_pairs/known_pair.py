@@ -1,7 +1,6 @@
 """Two maps and their true relative pose, and the file of such a pair."""
 
 import math
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from tbmslam.special_file import why_unreadable
 
 _RIGHT_M, _RIGHT_DEG = 0.5, 2.0
 _NEAR_DEG = 4.0
+_REMEDY = "make pairs with tools/make_map_pairs.py"
 
 
 class PairFileError(TbmSlamError):
@@ -67,20 +67,18 @@ def load_pair(path: Path) -> KnownPair:
     if why := "is no file but a folder" if path.is_dir() else why_unreadable(path):
         raise PairFileError(f"{path} {why}: give a folder of pairs")
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
             resolution, label = float(arrays["resolution"]), int(arrays["label"])
             maps = [TbmMap.from_occupancy(arrays[key], resolution) for key in ("occ_a", "occ_b")]
             motion = np.asarray(arrays["T_ab"], dtype=np.float64)
             overlap = float(arrays["overlap"])
-    except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
-        raise PairFileError(
-            f"{path} is not a pair of maps: {error}; see datasets/synthetic/map_pairs/pairs.py"
-        ) from error
+    except Exception as error:  # damaged zips and headers raise many types, also zlib.error and tokenize.TokenError
+        raise PairFileError(f"{path} is not a pair of maps: {error}: {_REMEDY}") from error
     for one in maps:
         check_geometry(path, one.grid.geometry)
     faults = [one.grid.fault() for one in maps]
     if label and not (motion.shape == (3, 3) and np.isfinite(motion).all()):
         faults.append("T_ab is no finite matrix (3, 3)")
     if fault := next(filter(None, faults), None):
-        raise PairFileError(f"{path} is not a pair of maps: {fault}; see datasets/synthetic/map_pairs/pairs.py")
+        raise PairFileError(f"{path} is not a pair of maps: {fault}: {_REMEDY}")
     return KnownPair(path.stem, maps[0], maps[1], SE2.from_matrix(motion) if label else None, overlap)

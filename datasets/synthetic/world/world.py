@@ -1,7 +1,6 @@
 """A simulated building: its walls as segments, and its free and occupied cells; and an unbounded building."""
 
 import math
-import zipfile
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -95,14 +94,14 @@ def load_world(path: Path) -> World:
     """Read a world that `World.save` wrote, from a .npz file or a folder with `world.npz`."""
     file = path / "world.npz" if path.is_dir() else path
     try:
-        if why := why_unreadable(file):
-            raise WorldError(f"{file} {why}; make a world with `tbmslam world`")
-        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
-            walls = np.asarray(arrays["walls"], dtype=np.float64)
-            places = np.asarray(arrays["places"], dtype=np.float64)
-            return World(str(arrays["name"]), int(arrays["seed"]), walls, places)
-    except (OSError, EOFError, KeyError, ValueError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+        if not (why := why_unreadable(file)):
+            with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
+                walls = np.asarray(arrays["walls"], dtype=np.float64)
+                places = np.asarray(arrays["places"], dtype=np.float64)
+                return World(str(arrays["name"]), int(arrays["seed"]), walls, places)
+    except Exception as error:  # damaged zips and headers raise many types, also zlib.error and tokenize.TokenError
         raise WorldError(f"{file} is not a world: {error}; make one with `tbmslam world`") from error
+    raise WorldError(f"{file} {why}; make a world with `tbmslam world`")
 
 
 def _covering(bounds: tuple[float, float, float, float], cells: GridGeometry, margin: float) -> GridGeometry:

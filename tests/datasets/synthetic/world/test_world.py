@@ -86,6 +86,21 @@ def test_an_invalid_world_is_reported_in_one_line(tmp_path):
         load_world(tmp_path / "other.npz")
 
 
+@pytest.mark.parametrize("flipped", [4, 255])
+def test_a_world_with_any_damaged_byte_is_another_world_or_an_error_of_one_line(tmp_path, flipped):
+    ROOM.save(tmp_path / "world.npz")
+    content = (tmp_path / "world.npz").read_bytes()
+    said = []
+    for at in range(len(content)):
+        (tmp_path / "world.npz").write_bytes(content[:at] + bytes([content[at] ^ flipped]) + content[at + 1 :])
+        try:
+            load_world(tmp_path)
+        except WorldError as error:
+            said.append(str(error))
+    assert all(text.count("tbmslam world") == 1 and "\n" not in text for text in said)
+    assert len(said) > len(content) / 2
+
+
 def test_wrong_shapes_are_refused():
     with pytest.raises(ValueError, match=r"walls must be segments \(N, 4\)"):
         World("x", 0, np.zeros((3, 2)), np.zeros((1, 2)))
