@@ -71,6 +71,7 @@ def test_worlds_offered_are_worlds_built():
         (["--no-return", "1"], "--no-return must differ from every range that the laser may measure, got 1"),
         (["--drive-seed", "-1"], "--drive-seed: must be a whole number of at least 0, got '-1'"),
         ([*SHORT, "--fault", "people@60"], "--fault people must begin within the 3.0 s of robot_0, got 60"),
+        ([*SHORT, "--fault", "carried@0+999"], "a fault must leave at least one scan: shorten it"),
         (["-o", ""], "the name of a file is empty: is a variable of the shell unset?"),
         (["--beams", "0"], "beams must be positive, got 0"),
         (["--world", "castle"], "invalid choice: 'castle'"),

@@ -168,6 +168,8 @@ def _stamps_twice(scene: _Scene) -> SimulatedRobot:
 def _laser_gap(scene: _Scene) -> SimulatedRobot:
     """Remove scans while the robot drives."""
     kept, truth = ~scene.scans(), scene.robot.truth
+    if not kept.any():
+        raise ValueError("a fault must leave at least one scan: shorten it")
     readings = tuple(reading for reading, keep in zip(scene.robot.readings, kept, strict=True) if keep)
     recorded = None if scene.robot.recorded is None else scene.robot.recorded[kept]
     truth = Trajectory(truth.stamps[kept], truth.poses[kept])

@@ -124,6 +124,12 @@ def test_scan_faults(robot, world):
     assert (before != after).any()
 
 
+@pytest.mark.parametrize("name", ["laser_gap", "carried"])
+def test_a_fault_without_a_scan_left_is_refused(robot, world, name):
+    with pytest.raises(ValueError, match="a fault must leave at least one scan: shorten it"):
+        with_fault(robot, world, name, 0.0, 9999.0)
+
+
 def test_a_laser_described_wrong(robot, world):
     for name in ("range_offset", "angle_step"):
         changed = with_fault(robot, world, name).readings
