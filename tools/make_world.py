@@ -158,7 +158,7 @@ def make(args: argparse.Namespace) -> None:
 
 def _check_moment(fault: "Fault", robots: "Sequence[SimulatedRobot]") -> None:
     for robot in robots:
-        lasts = float(robot.truth.stamps[-1] - robot.truth.stamps[0])
+        lasts = float(robot.recorded[-1] - robot.recorded[0])
         if fault.at > lasts:
             raise ValueError(
                 f"--fault {fault.name} must begin within the {lasts:.1f} s of {robot.name}, got {fault.at:g}"

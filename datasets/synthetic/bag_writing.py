@@ -242,24 +242,18 @@ def _odometry_entries(robot: SimulatedRobot, messages: Messages, height: float) 
 
 
 def _scan_entries(robot: SimulatedRobot, messages: Messages, no_return: float) -> Iterator[Entry]:
-    for index, reading in enumerate(robot.readings):
-        stamp, taken = _stamp_and_time(robot, index)
+    for reading, taken in zip(robot.readings, robot.recorded.tolist(), strict=True):
         fields = _scan_fields(reading.scan, robot, no_return)
-        yield taken + _SCAN_DELAY, SCAN_TOPIC, messages.scan(stamp, LASER_FRAME, fields)
+        data = messages.scan(_nanoseconds(reading.scan.stamp), LASER_FRAME, fields)
+        yield _nanoseconds(taken) + _SCAN_DELAY, SCAN_TOPIC, data
 
 
 def _cloud_entries(robot: SimulatedRobot, messages: Messages, lidar: RingLidar) -> Iterator[Entry]:
     rng = np.random.default_rng([len(robot.readings), lidar.rings])
-    for index, reading in enumerate(robot.readings):
-        stamp, taken = _stamp_and_time(robot, index)
+    for reading, taken in zip(robot.readings, robot.recorded.tolist(), strict=True):
         seen = lidar.points(reading.scan, robot.laser.noise, rng, upside_down=robot.laser.upside_down)
-        yield taken + _SCAN_DELAY, CLOUD_TOPIC, messages.cloud(stamp, LASER_FRAME, seen)
-
-
-def _stamp_and_time(robot: SimulatedRobot, index: int) -> tuple[int, int]:
-    """Return the stamp of a reading, and when it was taken [ns]."""
-    stamp = _nanoseconds(robot.readings[index].scan.stamp)
-    return stamp, stamp if robot.recorded is None else _nanoseconds(float(robot.recorded[index]))
+        data = messages.cloud(_nanoseconds(reading.scan.stamp), LASER_FRAME, seen)
+        yield _nanoseconds(taken) + _SCAN_DELAY, CLOUD_TOPIC, data
 
 
 def _scan_fields(scan: LaserScan, robot: SimulatedRobot, no_return: float) -> dict[str, object]:

@@ -80,7 +80,7 @@ class _Scene:
 
     def scans(self) -> BoolArray:
         """Return which scans (S,) are in this time."""
-        return np.asarray((self.robot.truth.stamps >= self.begin) & (self.robot.truth.stamps < self.end))
+        return np.asarray((self.robot.recorded >= self.begin) & (self.robot.recorded < self.end))
 
     def odometry(self) -> BoolArray:
         """Return which samples of the odometry (N,) are in this time."""
@@ -89,7 +89,7 @@ class _Scene:
 
 def inject(robot: SimulatedRobot, fault: Fault, world: World, seed: int = 0) -> SimulatedRobot:
     """Return the robot's recording with a fault; the truth stays correct, with the stamps of the scans."""
-    begin = float(robot.truth.stamps[0]) + fault.at
+    begin = float(robot.recorded[0]) + fault.at
     scene = _Scene(robot, begin, begin + fault.seconds, world, np.random.default_rng([seed, 57]), fault.scale)
     return FAULTS[fault.name](scene)
 
@@ -171,9 +171,8 @@ def _laser_gap(scene: _Scene) -> SimulatedRobot:
     if not kept.any():
         raise ValueError("a fault must leave at least one scan: shorten it")
     readings = tuple(reading for reading, keep in zip(scene.robot.readings, kept, strict=True) if keep)
-    recorded = None if scene.robot.recorded is None else scene.robot.recorded[kept]
     truth = Trajectory(truth.stamps[kept], truth.poses[kept])
-    return replace(scene.robot, readings=readings, truth=truth, recorded=recorded)
+    return replace(scene.robot, readings=readings, truth=truth, recorded=scene.robot.recorded[kept])
 
 
 def _beams_blocked(scene: _Scene) -> SimulatedRobot:
@@ -233,11 +232,10 @@ def _carried(scene: _Scene) -> SimulatedRobot:
     robot = _laser_gap(replace(scene, robot=_odometry_gap(scene)))
     robot = _odometry_moved(robot, end, T_before_after)
     later = _CARRIED_FOR - (end - begin)
-    stamps = robot.truth.stamps + later * (robot.truth.stamps >= end)
+    waited = later * (robot.recorded >= end)
     wheels = robot.odometry.stamps + later * (robot.odometry.stamps >= end)
     robot = replace(robot, odometry=Trajectory(wheels, robot.odometry.poses))
-    recorded = None if robot.recorded is None else robot.recorded + (stamps - robot.truth.stamps)
-    return replace(_restamped(robot, stamps), recorded=recorded)
+    return replace(_restamped(robot, robot.truth.stamps + waited), recorded=robot.recorded + waited)
 
 
 def _lift(scene: _Scene) -> SimulatedRobot:
@@ -247,7 +245,7 @@ def _lift(scene: _Scene) -> SimulatedRobot:
     poses = robot.truth.poses.copy()
     if shut.any():
         first, last = np.flatnonzero(shut)[[0, -1]]
-        poses[shut] = np.where((robot.truth.stamps[shut] < middle)[:, None], poses[first], poses[last])
+        poses[shut] = np.where((robot.recorded[shut] < middle)[:, None], poses[first], poses[last])
     lifted = _rescanned(_odometry_stuck(scene), shut, in_a_cabin(robot, scene.rng))
     return replace(lifted, truth=Trajectory(robot.truth.stamps, poses))
 
@@ -305,8 +303,7 @@ def _restamped(robot: SimulatedRobot, stamps: FloatArray) -> SimulatedRobot:
         replace(reading, scan=replace(reading.scan, stamp=float(stamp)))
         for reading, stamp in zip(robot.readings, stamps, strict=True)
     )
-    recorded = robot.truth.stamps if robot.recorded is None else robot.recorded
-    return replace(robot, readings=readings, truth=Trajectory(stamps, robot.truth.poses), recorded=recorded)
+    return replace(robot, readings=readings, truth=Trajectory(stamps, robot.truth.poses))
 
 
 def _rescanned(robot: SimulatedRobot, changed: BoolArray, ranges: FloatArray) -> SimulatedRobot:

@@ -113,8 +113,8 @@ class SimulatedRobot:
     """All odometry (50 Hz), in an odometry frame that begins at the robot's first pose."""
     truth: Trajectory
     """The robot's true pose in the world's frame at the true time of every scan."""
-    recorded: FloatArray | None = field(default=None, repr=False)
-    """When the scans were taken by the recorder's clock (S,) [s], where their stamps are wrong."""
+    recorded: FloatArray = field(repr=False)
+    """When the scans were taken by the recorder's clock (S,) [s], also where their stamps are wrong."""
 
 
 def simulate(
@@ -150,7 +150,7 @@ def _simulate_robot(
         Reading(scan, SE2.from_array(pose), laser.T_robot_sensor, None if end is None else SE2.from_array(end))
         for scan, pose, end in zip(scans, poses_at(odometry, stamps), swept, strict=True)
     )
-    return SimulatedRobot(f"robot_{index}", laser, readings, odometry, Trajectory(stamps, poses))
+    return SimulatedRobot(f"robot_{index}", laser, readings, odometry, Trajectory(stamps, poses), stamps)
 
 
 def _between(drive: Trajectory, moments: FloatArray) -> FloatArray:

@@ -41,11 +41,11 @@ def behind_glass(robot: SimulatedRobot, world: World, rng: np.random.Generator) 
 
 
 def with_people(robot: SimulatedRobot, since: float, rng: np.random.Generator) -> FloatArray:
-    """Return the ranges (S, B) of all scans; from a stamp on people cross the robot's path."""
-    stamps, poses = robot.truth.stamps, robot.truth.poses
+    """Return the ranges (S, B) of all scans; from a time on people cross the robot's path."""
+    stamps, poses = robot.recorded, robot.truth.poses
     number = max(math.ceil((stamps[-1] - since) / _EVERY), 1)
     meetings = since + np.arange(number) * _EVERY
-    met = np.searchsorted(np.maximum.accumulate(stamps), meetings).clip(0, len(stamps) - 1)  # stamps may step back
+    met = np.searchsorted(stamps, meetings).clip(0, len(stamps) - 1)
     angles = rng.uniform(0.0, 2.0 * np.pi, (2, number))
     directions = np.stack((np.cos(angles[0]), np.sin(angles[0])), axis=1)
     passing = poses[met, :2] + 1.2 * np.stack((np.cos(angles[1]), np.sin(angles[1])), axis=1)
@@ -62,9 +62,9 @@ def within_a_crowd(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArra
     """Return the ranges (S, B) of all scans with people that accompany the robot at one or two metres."""
     phases, slow, speeds = rng.uniform(0.0, 2.0 * np.pi, (2, _CROWD)), *rng.uniform(-_ROUND, _ROUND, (2, _CROWD))
     things = []
-    for stamp, pose in zip(robot.truth.stamps, robot.truth.poses, strict=True):
-        angles = phases[0] + speeds * (stamp - robot.truth.stamps[0])
-        swing = np.sin(phases[1] + slow * (stamp - robot.truth.stamps[0]))
+    for stamp, pose in zip(robot.recorded, robot.truth.poses, strict=True):
+        angles = phases[0] + speeds * (stamp - robot.recorded[0])
+        swing = np.sin(phases[1] + slow * (stamp - robot.recorded[0]))
         distances = _CROWD_FROM + (_CROWD_TO - _CROWD_FROM) * (0.5 + 0.5 * swing)
         places = pose[:2] + distances[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
         things.append(np.vstack([_polygon(place, _PERSON, 8, 0.0) for place in places]))
@@ -83,7 +83,7 @@ def behind_posts(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:
 
 
 def with_moved_boxes(robot: SimulatedRobot, at: float, rng: np.random.Generator) -> FloatArray:
-    """Return the ranges (S, B) of all scans with boxes beside the path, which are moved at a stamp."""
+    """Return the ranges (S, B) of all scans with boxes beside the path, which are moved at a time."""
     path = robot.truth.poses[::10, :2]
     places: list[FloatArray] = []
     while len(places) < 2 * _BOXES:
@@ -92,7 +92,7 @@ def with_moved_boxes(robot: SimulatedRobot, at: float, rng: np.random.Generator)
             places.append(place)
     boxes = [_polygon(place, _BOX / np.sqrt(2.0), 4, rng.uniform(0.0, np.pi)) for place in places]
     before, after = np.vstack(boxes[:_BOXES]), np.vstack(boxes[_BOXES:])
-    return _before(robot, [before if stamp < at else after for stamp in robot.truth.stamps], rng)
+    return _before(robot, [before if stamp < at else after for stamp in robot.recorded], rng)
 
 
 def in_a_cabin(robot: SimulatedRobot, rng: np.random.Generator) -> FloatArray:

@@ -10,6 +10,7 @@ from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.faults import FAULTS, Fault, inject
 from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import OdometryNoise, simulate
+from datasets.synthetic.robot.surroundings import ranges_of
 from tbmslam.geometry.se2 import compose, inverse
 from tools.make_world import FAULTS as OFFERED
 
@@ -53,6 +54,17 @@ def test_a_fault_after_stamps_stepped_back_leaves_scans_recorded_in_their_order(
     faulty = with_fault(with_fault(robot, world, "stamps_back"), world, later)
     assert len(faulty.recorded) == len(faulty.readings)
     assert (np.diff(faulty.recorded) > 0.0).all()
+
+
+def test_a_fault_after_the_clock_was_wrong_is_at_its_time_by_the_recorder(robot, world):
+    wrong_clock = with_fault(robot, world, "clock_offset", at=0.0)
+    alone, after = (with_fault(each, world, "odometry_gap") for each in (robot, wrong_clock))
+    np.testing.assert_array_equal(after.odometry.stamps, alone.odometry.stamps)
+    for name in ("beams_blocked", "people", "furniture", "carried", "lift"):
+        alone, after = (with_fault(each, world, name) for each in (robot, wrong_clock))
+        np.testing.assert_array_equal(ranges_of(after), ranges_of(alone))
+        np.testing.assert_array_equal(after.truth.poses, alone.truth.poses)
+        np.testing.assert_allclose(after.recorded, alone.recorded, atol=1e-6)
 
 
 def steps(trajectory):
