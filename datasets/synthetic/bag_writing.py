@@ -231,7 +231,7 @@ def _odometry_entries(robot: SimulatedRobot, messages: Messages, height: float) 
     for index in range(len(robot.odometry)):
         stamp, pose = _nanoseconds(float(robot.odometry.stamps[index])), robot.odometry.pose(index)
         if index == 0 or (messages.ros1 and index % _MOUNT_EVERY == 0):
-            mount, is_down = robot.laser.T_robot_sensor, robot.laser.upside_down
+            mount, is_down = robot.readings[0].T_robot_sensor, robot.laser.upside_down
             data = messages.transform(stamp, ROBOT_FRAME, LASER_FRAME, mount, height=height, upside_down=is_down)
             yield stamp, mount_topic, data
         after = robot.odometry.pose(min(index + 1, len(robot.odometry) - 1))

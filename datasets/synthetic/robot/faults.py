@@ -198,7 +198,7 @@ def _mount(scene: _Scene) -> SimulatedRobot:
     """State a wrong mount of the laser, during the whole drive."""
     stated = scene.robot.laser.T_robot_sensor @ _ELSEWHERE
     readings = tuple(replace(reading, T_robot_sensor=stated) for reading in scene.robot.readings)
-    return replace(scene.robot, laser=replace(scene.robot.laser, T_robot_sensor=stated), readings=readings)
+    return replace(scene.robot, readings=readings)
 
 
 def _laser_knocked(scene: _Scene) -> SimulatedRobot:

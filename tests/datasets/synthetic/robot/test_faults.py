@@ -153,11 +153,16 @@ def test_a_laser_described_wrong(robot, world):
             assert other.scan.angle_increment == pytest.approx(wider * one.scan.angle_increment, rel=1e-9)
 
 
-def test_a_laser_stated_elsewhere(robot, world):
+def test_a_laser_stated_elsewhere_measures_from_its_true_place(robot, world, tmp_path):
     moved = with_fault(robot, world, "mount")
-    T_true_stated = robot.laser.T_robot_sensor.to(moved.laser.T_robot_sensor)
-    assert tuple(T_true_stated) == pytest.approx((0.0, 0.3, math.radians(10.0)))
-    assert {reading.T_robot_sensor for reading in moved.readings} == {moved.laser.T_robot_sensor}
+    assert moved.laser == robot.laser  # the truth
+    (stated,) = {reading.T_robot_sensor for reading in moved.readings}
+    assert tuple(robot.laser.T_robot_sensor.to(stated)) == pytest.approx((0.0, 0.3, math.radians(10.0)))
+    write_ros1_bag(moved, tmp_path / "run.bag")
+    assert next(iter(open_recording([tmp_path / "run.bag"]))).T_robot_sensor == pytest.approx(stated)
+    for later in ("glass", "parts_in_view"):
+        after, alone = (with_fault(each, world, later) for each in (moved, robot))
+        np.testing.assert_array_equal(ranges_of(after), ranges_of(alone))
 
 
 def test_a_carried_robot_loses_the_way_between(robot, world):
