@@ -268,7 +268,7 @@ def _scan_fields(scan: LaserScan, robot: SimulatedRobot, no_return: float) -> di
         "scan_time": 1.0 / robot.laser.rate,
         "range_min": scan.range_min,
         "range_max": scan.range_max,
-        "ranges": np.where(scan.is_hit(), scan.ranges, no_return).astype(np.float32),
+        "ranges": np.where(np.isposinf(scan.ranges), no_return, scan.ranges).astype(np.float32),
     }
 
 

@@ -1,6 +1,7 @@
 import math
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -89,6 +90,16 @@ def test_codes_of_no_return(tmp_path, code):
     missing = ~ROBOT.readings[0].scan.is_hit()
     assert missing.any()
     np.testing.assert_array_equal(found["/base_scan"][0][1].ranges[missing], code)
+
+
+def test_a_beam_that_knows_nothing_stays_so(tmp_path):
+    readings = list(ROBOT.readings)
+    ranges = readings[0].scan.ranges.copy()
+    ranges[:3] = np.nan
+    readings[0] = replace(readings[0], scan=replace(readings[0].scan, ranges=ranges))
+    write_ros1_bag(replace(ROBOT, readings=tuple(readings)), tmp_path / "a.bag")
+    _, found = messages(tmp_path / "a.bag", ros1=True)
+    assert np.isnan(found["/base_scan"][0][1].ranges).nonzero()[0].tolist() == [0, 1, 2]
 
 
 def test_same_bytes_twice_and_an_older_bag_is_replaced(tmp_path):
