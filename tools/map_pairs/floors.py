@@ -86,7 +86,7 @@ def pairs_of(
         yield from cut_pairs(building, seed + index, overlaps, draw)
         yield disjoint_pair(building, seed + index, draw)
         yield foreign_pair(building, mirrored(building), seed + index, draw)
-        for step in (1, len(buildings) // 2):
+        for step in sorted({1, len(buildings) // 2}):
             other = buildings[(index + step) % len(buildings)]
             if other.resolution == building.resolution and not _same_place(building.name, other.name):
                 yield foreign_pair(building, other, seed + index + step, draw)

@@ -69,3 +69,12 @@ def test_one_floor_twice_is_never_a_pair_of_two_places(grid):
     names = [pair.name for pair in pairs_of(variants, 1, (0.5,))]
     assert "negd_hall_hallmir_1" in names
     assert not [name for name in names if name.startswith(("negd_hallmir_hallpart1mir", "negd_hallpart2_hall_"))]
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_no_pair_of_two_buildings_comes_twice(grid, number):
+    floor = floor_of_grid("hall", grid)
+    buildings = [Building(f"hall{name}", floor.occupancy, floor.resolution) for name in "abcd"[:number]]
+    names = [pair.name for pair in pairs_of(buildings, 1, ())]
+    assert len(set(names)) == len(names)
+    assert sum("mir" not in name for name in names if name.startswith("negd_")) == (0, 2, 3, 8)[number - 1]
