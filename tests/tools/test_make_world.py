@@ -67,6 +67,7 @@ def test_worlds_offered_are_worlds_built():
         (["--format", "mcap", "--compression", "bz2"], "--compression is for ROS 1 bags"),
         (["--robots", "0"], "robots must be at least 1 and at most 1000, got 0"),
         (["--robots", "1000000"], "robots must be at least 1 and at most 1000, got 1000000"),
+        (["--duration", "0.001"], "a drive must last at least 0.007 s for one scan, got 0 s"),
         (["--rate", "inf"], "rate must be at most 10000 Hz"),
         (["--no-return", "1"], "--no-return must differ from every range that the laser may measure, got 1"),
         (["--drive-seed", "-1"], "--drive-seed: must be a whole number of at least 0, got '-1'"),

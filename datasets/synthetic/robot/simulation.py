@@ -140,6 +140,9 @@ def _simulate_robot(
     wheel_rng, laser_rng = rng.spawn(2)
     odometry = noise.odometry(drive, wheel_rng)
     first = drive.stamps[0] + FIRST_SCAN_AFTER
+    if drive.stamps[-1] - laser.sweep < first:
+        least = FIRST_SCAN_AFTER + laser.sweep
+        raise ValueError(f"a drive must last at least {least:g} s for one scan, got {np.ptp(drive.stamps):g} s")
     stamps = first + np.arange(int((drive.stamps[-1] - laser.sweep - first) * laser.rate) + 1) / laser.rate
     # Stamps are whole microseconds, so that the nanoseconds of a bag represent them exactly.
     stamps = np.round(stamps * 1e6) / 1e6

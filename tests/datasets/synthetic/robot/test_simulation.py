@@ -146,6 +146,12 @@ def test_a_slow_laser_is_read_from_a_bag_completely(tmp_path):
     )
 
 
+def test_a_drive_too_short_for_a_scan_is_refused():
+    drive = Trajectory(np.array([5.0, 5.05]), np.zeros((2, 3)))
+    with pytest.raises(ValueError, match=r"a drive must last at least 0\.057 s for one scan, got 0\.05 s"):
+        simulate(WORLD, [drive], replace(LASER, sweep=0.05), NO_NOISE)
+
+
 def test_poses_between_samples_follow_the_twist():
     quarter = SE2.exp(1.0, 0.0, np.pi / 2)
     trajectory = Trajectory(np.array([0.0, 1.0]), np.array([[0.0, 0, 0], quarter]))
