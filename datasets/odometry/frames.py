@@ -162,7 +162,12 @@ def find_robot_frame(graph: FrameGraph, sensor: str, options: RecordingOptions, 
         return plain(options.robot_frame)
     if hint and graph.path(plain(hint), sensor) is not None:
         return plain(hint)
-    usual = [f for name in _ROBOT_FRAMES for f in graph.frames() if _last(f) == name and graph.path(f, sensor)]
+    usual = [
+        frame
+        for name in _ROBOT_FRAMES
+        for frame in graph.frames()
+        if _last(frame) == name and graph.path(frame, sensor) is not None
+    ]
     return usual[0] if usual else plain(hint or "") or None
 
 

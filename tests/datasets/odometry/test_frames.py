@@ -98,6 +98,12 @@ def test_the_robot_of_an_odometry_topic():
     assert find_robot_frame(FrameGraph(), "laser", AUTO, None) is None
 
 
+@pytest.mark.parametrize("hint", [None, "unknown"])
+def test_a_laser_in_the_frame_of_the_robot_itself_finds_it(hint):
+    graph = graph_of(("base_link", "wheel", FIXED))
+    assert find_robot_frame(graph, "base_link", AUTO, hint) == "base_link"
+
+
 def test_localised_frames():
     assert is_localised("/map")
     assert is_localised("robot1/map")
