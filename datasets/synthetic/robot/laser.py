@@ -133,7 +133,7 @@ class SimulatedLaser:
         ranges = exact + rng.normal(0.0, self.noise, exact.shape)
         chance = rng.random(exact.shape)
         early = chance < self.wrong_returns
-        ranges[early] = rng.uniform(self.range_min, np.minimum(exact[early], self.range_max))
+        ranges[early] = rng.uniform(self.range_min, np.clip(exact[early], self.range_min, self.range_max))
         ranges[chance > 1.0 - self.dropouts] = np.inf
         rounded = ranges.astype(np.float32)
         rounded[(rounded < self.range_min) | (rounded > self.range_max)] = np.inf

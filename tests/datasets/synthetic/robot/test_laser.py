@@ -67,6 +67,13 @@ def test_what_is_too_far_or_too_near_returns_nothing():
     assert near.min() >= 1.9
 
 
+def test_a_wall_nearer_than_the_least_range_may_return_too_early():
+    laser = SimulatedLaser(range_min=2.5, noise=0.0, dropouts=0.0, wrong_returns=1.0)
+    ranges = scan_of(laser).ranges
+    assert np.isfinite(ranges).sum() > 100
+    assert ranges[np.isfinite(ranges)].min() >= 2.5
+
+
 def test_ranges_are_what_a_message_can_hold():
     scan = scan_of(SimulatedLaser())
     np.testing.assert_array_equal(scan.ranges, scan.ranges.astype(np.float32))
