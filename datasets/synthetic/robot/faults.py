@@ -59,7 +59,7 @@ class Fault:
     @classmethod
     def parse(cls, text: str) -> "Fault":
         """Read NAME@TIME, NAME@TIME+SECONDS or NAME@TIME+SECONDSxSCALE."""
-        found = re.fullmatch(r"([a-z_]+)@([0-9.]+)(?:\+([0-9.]+)(?:x([0-9.]+))?)?", text)
+        found = re.fullmatch(r"([a-z_]+)@(\d*\.?\d+)(?:\+(\d*\.?\d+)(?:x(\d*\.?\d+))?)?", text)
         if found is None:
             raise ValueError(
                 f"a fault must look like laser_gap@30, laser_gap@30+60 or odometry_reversed@30+6x2.7, got {text!r}"

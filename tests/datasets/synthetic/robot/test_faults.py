@@ -177,6 +177,8 @@ def test_a_carried_robot_loses_the_way_between(robot, world):
     ("text", "message"),
     [
         ("people", r"a fault must look like laser_gap@30, laser_gap@30\+60 or"),
+        ("laser_gap@1.2.3", r"a fault must look like laser_gap@30, .*, got 'laser_gap@1\.2\.3'"),
+        ("laser_gap@.", r"a fault must look like laser_gap@30, .*, got 'laser_gap@\.'"),
         ("fire@3", "a fault must be one of odometry_gap, .*, got 'fire'"),
         ("people@3+0", "seconds be positive, got 3.0, 0.0"),
         ("odometry_reversed@3+4x0", "scale must be positive, got 0.0"),
