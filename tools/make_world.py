@@ -39,6 +39,8 @@ FAULTS = (
 )
 """Repeated from `datasets.synthetic.robot.faults`, so that `--help` loads nothing; a test compares both."""
 
+_NO_RETURN = 65.533  # as in `datasets.synthetic.bag_writing`
+
 
 def parser(program: str = "make_world") -> argparse.ArgumentParser:
     """Return the command line's grammar."""
@@ -52,9 +54,7 @@ def parser(program: str = "make_world") -> argparse.ArgumentParser:
     files = grammar.add_argument_group("files")
     files.add_argument("--format", choices=("ros1", "mcap"), default="ros1", help="ROS 1 bag or ROS 2 mcap (ros1)")
     files.add_argument("--compression", choices=("none", "bz2"), default="none", help="of ROS 1 bags (none)")
-    files.add_argument(
-        "--no-return", type=float, default=65.533, metavar="CODE", help="range without a return (65.533)"
-    )
+    files.add_argument("--no-return", type=float, metavar="CODE", help="range without a return, for scans (65.533)")
     return grammar
 
 
@@ -101,6 +101,9 @@ def main(argv: list[str] | None = None, program: str = "make_world") -> int:
     args = grammar.parse_args(argv)
     if args.format == "mcap" and args.compression != "none":
         grammar.error("--compression is for ROS 1 bags; drop it or --format mcap")
+    if args.rings and args.no_return is not None:
+        grammar.error("--no-return is for scans; drop it or --rings")
+    args.no_return = _NO_RETURN if args.no_return is None else args.no_return
     if 0.0 < args.no_return <= args.range_max:
         grammar.error(f"--no-return must differ from every range that the laser may measure, got {args.no_return:g}")
     return run_program(program, lambda: _run(grammar, args), debug=args.debug)
@@ -148,7 +151,7 @@ def make(args: argparse.Namespace) -> None:
         robots = [inject(robot, fault, world, seed) for robot in robots]
     bags = [robot.name if args.format == "mcap" else f"{robot.name}.bag" for robot in robots]
     for robot, bag in progress.each(zip(robots, bags, strict=True), "writing", len(bags), "bags"):
-        _write_bag(robot, args.out / bag, args)
+        _write_bag(robot, args.out / bag, args, seed)
     run = {"seed": seed, "overlap": args.overlap, "odometry": {"preset": args.odometry, **vars(noise)}}
     run["faults"] = [vars(fault) for fault in faults]
     write_truth(args.out, world, robots, bags, run)
@@ -165,15 +168,15 @@ def _check_moment(fault: "Fault", robots: "Sequence[SimulatedRobot]") -> None:
             )
 
 
-def _write_bag(robot: "SimulatedRobot", path: Path, args: argparse.Namespace) -> None:
+def _write_bag(robot: "SimulatedRobot", path: Path, args: argparse.Namespace, seed: int) -> None:
     from datasets.synthetic.bag_writing import write_mcap_bag, write_ros1_bag
     from datasets.synthetic.robot.laser import RingLidar
 
     lidar = RingLidar(args.rings) if args.rings else None
     if args.format == "mcap":
-        write_mcap_bag(robot, path, no_return=args.no_return, lidar=lidar)
+        write_mcap_bag(robot, path, no_return=args.no_return, lidar=lidar, seed=seed)
     else:
-        write_ros1_bag(robot, path, compression=args.compression, no_return=args.no_return, lidar=lidar)
+        write_ros1_bag(robot, path, compression=args.compression, no_return=args.no_return, lidar=lidar, seed=seed)
     print(f"{path}: {len(robot.readings)} scans, {robot.truth.length():.1f} m")
 
 

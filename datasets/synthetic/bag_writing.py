@@ -153,11 +153,13 @@ def write_ros1_bag(
     compression: Literal["none", "bz2"] = "none",
     no_return: float = NO_RETURN,
     lidar: RingLidar | None = None,
+    seed: int = 0,
 ) -> None:
     """Write a ROS 1 bag, whole or not at all, and replace an existing one.
 
     There is no compression by lz4, since ROS 1 cannot read that of `rosbags`. `no_return` is the code of a beam without
-    return: `inf`, `nan`, or a number outside the laser's limits. With a lidar, point clouds replace the scans.
+    return: `inf`, `nan`, or a number outside the laser's limits. With a lidar, point clouds replace the scans; `seed`
+    is for the noise between its rings.
     """
     if compression not in {"none", "bz2"}:
         raise ValueError(f"compression must be none or bz2, got {compression!r}")
@@ -172,14 +174,19 @@ def write_ros1_bag(
                 topic: writer.add_connection(topic, kind, typestore=messages.store)
                 for topic, kind in _topics(messages, lidar).items()
             }
-            for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
+            for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar, seed):
                 writer.write(connections[topic], nanoseconds, data)
         flush_file(unfinished)
         unfinished.replace(path)
 
 
 def write_mcap_bag(
-    robot: SimulatedRobot, path: Path, *, no_return: float = NO_RETURN, lidar: RingLidar | None = None
+    robot: SimulatedRobot,
+    path: Path,
+    *,
+    no_return: float = NO_RETURN,
+    lidar: RingLidar | None = None,
+    seed: int = 0,
 ) -> None:
     """Write a ROS 2 bag, a folder with metadata and one mcap file; otherwise like `write_ros1_bag`."""
     messages = Messages(ros1=False)
@@ -195,7 +202,7 @@ def write_mcap_bag(
                 )
                 for topic, kind in _topics(messages, lidar).items()
             }
-            for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar):
+            for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar, seed):
                 writer.write(connections[topic], nanoseconds, data)
         for file in sorted(unfinished.iterdir()):
             flush_file(file)
@@ -218,9 +225,11 @@ def _topics(messages: Messages, lidar: RingLidar | None) -> dict[str, str]:
     return topics if messages.ros1 else {**topics, "/tf_static": messages.tf_type}
 
 
-def _entries(robot: SimulatedRobot, messages: Messages, no_return: float, lidar: RingLidar | None) -> list[Entry]:
+def _entries(
+    robot: SimulatedRobot, messages: Messages, no_return: float, lidar: RingLidar | None, seed: int
+) -> list[Entry]:
     """Return all messages in the order of their recording."""
-    scans = _scan_entries(robot, messages, no_return) if lidar is None else _cloud_entries(robot, messages, lidar)
+    scans = _scan_entries(robot, messages, no_return) if lidar is None else _cloud_entries(robot, messages, lidar, seed)
     height = LASER_HEIGHT if lidar is None else lidar.height
     return sorted([*_odometry_entries(robot, messages, height), *scans], key=lambda e: e[0])
 
@@ -248,8 +257,8 @@ def _scan_entries(robot: SimulatedRobot, messages: Messages, no_return: float) -
         yield _nanoseconds(taken) + _SCAN_DELAY, SCAN_TOPIC, data
 
 
-def _cloud_entries(robot: SimulatedRobot, messages: Messages, lidar: RingLidar) -> Iterator[Entry]:
-    rng = np.random.default_rng([len(robot.readings), lidar.rings])
+def _cloud_entries(robot: SimulatedRobot, messages: Messages, lidar: RingLidar, seed: int) -> Iterator[Entry]:
+    rng = np.random.default_rng([seed, int(robot.name.rpartition("_")[2]), lidar.rings])
     for reading, taken in zip(robot.readings, robot.recorded.tolist(), strict=True):
         seen = lidar.points(reading.scan, robot.laser.noise, rng, upside_down=robot.laser.upside_down)
         data = messages.cloud(_nanoseconds(reading.scan.stamp), LASER_FRAME, seen)

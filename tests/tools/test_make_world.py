@@ -70,6 +70,7 @@ def test_worlds_offered_are_worlds_built():
         (["--duration", "0.001"], "a drive must last at least 0.007 s for one scan, got 0 s"),
         (["--rate", "inf"], "rate must be at most 10000 Hz"),
         (["--no-return", "1"], "--no-return must differ from every range that the laser may measure, got 1"),
+        (["--no-return", "0", "--rings", "4"], "--no-return is for scans; drop it or --rings"),
         (["--drive-seed", "-1"], "--drive-seed: must be a whole number of at least 0, got '-1'"),
         ([*SHORT, "--fault", "people@60"], "--fault people must begin within the 3.0 s of robot_0, got 60"),
         ([*SHORT, "--fault", "carried@0+999"], "a fault must leave at least one scan: shorten it"),

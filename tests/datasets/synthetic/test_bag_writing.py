@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 from datasets.synthetic.bag_writing import LASER_HEIGHT, BagWritingError, Messages, write_mcap_bag, write_ros1_bag
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
-from datasets.synthetic.robot.laser import SimulatedLaser
+from datasets.synthetic.robot.laser import RingLidar, SimulatedLaser
 from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 from tbmslam.geometry.se2 import SE2
 
@@ -115,6 +115,17 @@ def test_same_bytes_twice_and_an_older_bag_is_replaced(tmp_path):
     write_mcap_bag(ROBOT, tmp_path / "m")
     assert {file.name: file.read_bytes() for file in (tmp_path / "m").iterdir()} == first
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.bag", "m"]
+
+
+def test_each_seed_and_robot_has_other_noise_between_the_rings(tmp_path):
+    def clouds(robot, seed):
+        write_ros1_bag(robot, tmp_path / "a.bag", lidar=RingLidar(2), seed=seed)
+        return [message.data.tobytes() for _, message in messages(tmp_path / "a.bag", ros1=True)[1]["/points"]]
+
+    first = clouds(ROBOT, 0)
+    assert clouds(ROBOT, 0) == first
+    assert not set(first) & set(clouds(ROBOT, 1))
+    assert not set(first) & set(clouds(replace(ROBOT, name="robot_1"), 0))
 
 
 def test_a_failed_write_leaves_the_older_bag_and_nothing_else(tmp_path, monkeypatch):
