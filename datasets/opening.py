@@ -97,7 +97,9 @@ def _kind_of_directory(path: Path) -> str:
     bags = [name for name in names if name.endswith(".bag")]
     if bags:
         raise DatasetError(f"{path}: a directory of ROS 1 bags; give the files themselves: {', '.join(bags[:5])}")
-    raise DatasetError(f"{path}: a directory without a ROS 2 bag (metadata.yaml, .db3 or .mcap)")
+    raise DatasetError(
+        f"{path}: a directory without a ROS 2 bag (metadata.yaml, .db3 or .mcap): give a recording's file or folder"
+    )
 
 
 _FILES = (".bag", ".db3", ".mcap", ".log", ".clf")
@@ -146,7 +148,7 @@ def _entries(directory: Path) -> list[Path]:
     try:
         return sorted(directory.iterdir())
     except OSError as error:
-        raise DatasetError(f"{directory}: cannot be read: {error.strerror}") from error
+        raise DatasetError(f"{directory}: cannot be read: {error.strerror}: check its permissions") from error
 
 
 def file_digests(paths: Iterable[Path]) -> list[dict[str, str | int]]:
@@ -164,6 +166,6 @@ def _digest(file: Path) -> dict[str, str | int]:
             raise DatasetError(f"{file}: is a device or a pipe: give a recording's file or folder")
         return {"name": file.name, "bytes": file.stat().st_size, "sha256": sha256_of(file)}
     except FileNotFoundError:
-        raise DatasetError(f"{file}: no such file or directory") from None
+        raise DatasetError(f"{file}: no such file or directory: check the path") from None
     except OSError as error:
-        raise DatasetError(f"{file}: cannot be read: {error.strerror}") from error
+        raise DatasetError(f"{file}: cannot be read: {error.strerror}: check its permissions") from error

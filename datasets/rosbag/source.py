@@ -85,13 +85,13 @@ class BagSource:
         self._idle: OpenBag | None = None
         self._announced = BagAnnouncement()
         if why := why_unreadable(path):
-            raise DatasetError(f"{path}: {why}")
+            raise DatasetError(f"{path}: {why}: give a recording's file or folder")
         try:
             content = unpacked(path)
             self._file = content.path
             self.is_ros1 = is_ros1(self._file)
         except OSError as error:
-            raise DatasetError(f"{path}: cannot be read: {error.strerror}") from error
+            raise DatasetError(f"{path}: cannot be read: {error.strerror}: check its permissions") from error
         try:
             _check(content)
             if _is_indexed(self._file):

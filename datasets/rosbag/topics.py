@@ -102,7 +102,7 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
         raise DatasetError(f"{_names(files)}: several {kind} topics hold scans: {listed}: choose one with --scan-topic")
     if scans:
         listed = ", ".join(topic.name for topic in scans)
-        raise DatasetError(f"{_names(files)}: {listed} holds no messages: there is nothing to map")
+        raise DatasetError(f"{_names(files)}: {listed} holds no messages: give another recording")
     listed = ", ".join(sorted(files.topics)) or "no topics at all"
     raise DatasetError(
         f"{_names(files)}: no topic is a LaserScan or PointCloud2; there are {listed}: choose another recording"

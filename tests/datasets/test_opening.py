@@ -40,7 +40,7 @@ def test_files_of_no_use(tmp_path, name, content, message):
 def test_paths_of_no_use(tmp_path):
     with pytest.raises(DatasetError, match=r"nope\.bag: no such file or directory"):
         open_recording([tmp_path / "nope.bag"])
-    with pytest.raises(DatasetError, match=r"a directory without a ROS 2 bag"):
+    with pytest.raises(DatasetError, match=r"a directory without a ROS 2 bag .*: give a recording's file or folder"):
         open_recording([tmp_path])
     (tmp_path / "a.bag").touch()
     with pytest.raises(DatasetError, match=r"a directory of ROS 1 bags; give the files themselves: a\.bag"):
@@ -100,5 +100,5 @@ def test_files_are_identified_by_their_content(tmp_path):
 
 
 def test_a_missing_file(tmp_path):
-    with pytest.raises(DatasetError, match=r"x\.bag: no such file or directory"):
+    with pytest.raises(DatasetError, match=r"x\.bag: no such file or directory: check the path"):
         file_digests([tmp_path / "x.bag"])

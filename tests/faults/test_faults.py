@@ -26,7 +26,7 @@ def test_a_fault_that_was_survived_is_a_row_and_exit_0(capsys):
     assert faults.main(["--family", "bags", "--only", "holds nothing"]) == 0
     said = capsys.readouterr()
     assert "| sqlite database that holds nothing |" in said.out
-    assert "/base_scan holds no messages: there is nothing to map" in said.out
+    assert "/base_scan holds no messages: give another recording" in said.out
     assert "1 faults tried, 0 rows red" in said.out
     assert said.err.startswith("ok ")
 

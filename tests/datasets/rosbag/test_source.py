@@ -179,7 +179,7 @@ def test_a_database_that_opens_and_holds_nothing(bag, caplog):
     with sqlite3.connect(path) as database:
         database.execute("DELETE FROM messages")
     database.close()
-    with pytest.raises(DatasetError, match=r"run.db3: /scan holds no messages: there is nothing to map"):
+    with pytest.raises(DatasetError, match=r"run.db3: /scan holds no messages: give another recording"):
         open_recording([path])
     with pytest.raises(DatasetError, match=r"run: no scan of /scan can be decoded"):
         open_recording([path.parent])

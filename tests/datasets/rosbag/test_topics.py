@@ -111,7 +111,7 @@ def test_a_topic_without_messages_is_an_error(script, tmp_path):
         writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=store)
         other = writer.add_connection("/word", "std_msgs/msg/String", typestore=store)
         writer.write(other, 10**9, b"\1\0\0\0a")
-    with pytest.raises(DatasetError, match=r"/scan holds no messages: there is nothing to map"):
+    with pytest.raises(DatasetError, match=r"/scan holds no messages: give another recording"):
         choose(tmp_path / "run.bag")
     with pytest.raises(DatasetError, match=r"/scan holds no messages: choose another with --scan-topic"):
         choose(tmp_path / "run.bag", scan_topic="scan")
