@@ -39,13 +39,15 @@ def main(arguments: Sequence[str] | None = None, program: str = "warm_up") -> in
 
 
 def _run() -> int:
-    from tools.command_line.progress import CompiledFunctions
+    from tools.command_line.progress import announce_compiling
 
     begin = time.perf_counter()
-    with CompiledFunctions() as compiled, tempfile.TemporaryDirectory() as folder:
+    compiling = announce_compiling()
+    known = compiling.count
+    with tempfile.TemporaryDirectory() as folder:
         code = _map_and_merge(Path(folder))
     if code == DONE:
-        print(f"{compiled.count} functions compiled in {time.perf_counter() - begin:.0f} s")
+        print(f"{compiling.count - known} functions compiled in {time.perf_counter() - begin:.0f} s")
     return code
 
 

@@ -5,9 +5,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from multiprocessing import parent_process
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from numba.core.event import Listener, register, unregister
+from numba.core.event import Listener, register
 from tqdm import tqdm
 
 from datasets.counts import in_number
@@ -35,7 +35,9 @@ class Compiling(Listener):
 
     def __init__(self) -> None:
         self._is_announced = False
-        self._count = self._depth = 0
+        self.count = 0
+        """Number of functions compiled until now."""
+        self._depth = 0
         self._began = self._seconds = 0.0
         self._bars: list[tqdm[Any]] = []
         self._line: tqdm[Any] | None = None
@@ -62,7 +64,7 @@ class Compiling(Listener):
     def on_end(self, event: Any) -> None:  # noqa: ARG002
         """Count a function that is compiled; functions that it calls are compiled within its time."""
         self._depth -= 1
-        self._count += 1
+        self.count += 1
         if self._line is not None:
             self._line.set_postfix_str(self._counted())
         if not self._depth:
@@ -76,7 +78,7 @@ class Compiling(Listener):
             bar.set_postfix_str(self._counted())
 
     def _counted(self) -> str:
-        return in_number(self._count, "function compiled", "functions compiled") if self._count else ""
+        return in_number(self.count, "function compiled", "functions compiled") if self.count else ""
 
     def _remove_line(self) -> None:
         """Remove the line, for whatever the program prints next."""
@@ -88,29 +90,6 @@ class Compiling(Listener):
         if not self._is_announced and sys.stderr is not None:
             self._is_announced = True
             tqdm.write(_ANNOUNCEMENT, file=sys.stderr)
-
-
-class CompiledFunctions(Listener):
-    """Counts the functions that are compiled within a block, without those from the cache."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def on_start(self, event: Any) -> None:
-        """Do nothing."""
-
-    def on_end(self, event: Any) -> None:  # noqa: ARG002
-        """Count a function that is compiled."""
-        self.count += 1
-
-    def __enter__(self) -> Self:
-        """Start counting."""
-        register("numba:compile", self)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Stop counting."""
-        unregister("numba:compile", self)
 
 
 _listeners: list[Compiling] = []
