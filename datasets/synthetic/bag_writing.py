@@ -13,13 +13,13 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from datasets.rosbag.messages import TF_TYPES, standard_types
 from datasets.synthetic.robot.laser import LidarPoints, RingLidar
 from datasets.synthetic.robot.simulation import SimulatedRobot
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
-from tbmslam.io.atomic_file import flush_file
+from tbmslam.io.atomic_file import flush_file, replacing
 from tbmslam.sensing.laser_scan import LaserScan
 
 LASER_HEIGHT = 0.252
@@ -31,10 +31,7 @@ class Messages:
 
     def __init__(self, *, ros1: bool) -> None:
         self.ros1 = ros1
-        self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-        self.tf_type = "tf/msg/tfMessage" if ros1 else "tf2_msgs/msg/TFMessage"
-        if ros1:
-            self.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", self.tf_type))
+        self.store, self.tf_type = standard_types(ros1), TF_TYPES[ros1]
 
     def scan(self, nanoseconds: int, frame: str, values: dict[str, Any]) -> bytes:
         """Return a LaserScan; `values` are its fields except header and intensities."""
@@ -143,7 +140,7 @@ Entry = tuple[int, str, bytes]
 
 
 class BagWritingError(TbmSlamError):
-    """A bag could not be written."""
+    """A bag of ROS 2 could not be written."""
 
 
 def write_ros1_bag(
@@ -164,8 +161,7 @@ def write_ros1_bag(
     if compression not in {"none", "bz2"}:
         raise ValueError(f"compression must be none or bz2, got {compression!r}")
     messages = Messages(ros1=True)
-    with _folder_beside(path) as folder:
-        unfinished = folder / path.name
+    with replacing(path) as unfinished:
         writer = Rosbag1Writer(unfinished)
         if compression == "bz2":
             writer.set_compression(Rosbag1Writer.CompressionFormat.BZ2)
@@ -176,8 +172,6 @@ def write_ros1_bag(
             }
             for nanoseconds, topic, data in _entries(robot, messages, no_return, lidar, seed):
                 writer.write(connections[topic], nanoseconds, data)
-        flush_file(unfinished)
-        unfinished.replace(path)
 
 
 def write_mcap_bag(

@@ -14,6 +14,7 @@ from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.laser import RingLidar, SimulatedLaser
 from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 from tbmslam.geometry.se2 import SE2
+from tbmslam.io.atomic_file import FileNotWrittenError
 
 WORLD = make_world("apartment", 1)
 DRIVES = plan_drives(WORLD, 1, duration=4.0)
@@ -135,9 +136,10 @@ def test_a_failed_write_leaves_the_older_bag_and_nothing_else(tmp_path, monkeypa
     def full(*_args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("datasets.synthetic.bag_writing.flush_file", full)
+    for module in ("tbmslam.io.atomic_file", "datasets.synthetic.bag_writing"):
+        monkeypatch.setattr(f"{module}.flush_file", full)
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(BagWritingError, match=r"a\.bag cannot be written: No space left on device; choose another"):
+    with pytest.raises(FileNotWrittenError, match=r"a\.bag: cannot be written \(No space left on device\): choose an"):
         write_ros1_bag(ROBOT, tmp_path / "a.bag")
     with pytest.raises(BagWritingError, match="m cannot be written: No space left on device; choose another place"):
         write_mcap_bag(ROBOT, tmp_path / "m")
