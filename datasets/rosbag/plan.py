@@ -63,8 +63,10 @@ class Plan:
         """Return the topics a pass needs."""
         moving_laser = any(not step.edge.is_fixed for step in self.to_sensor or []) and self.sensor_pose is None
         transforms = self.topics.transforms if self.source == "tf" or moving_laser else ()
-        odometry = self.topics.odometry if self.source == "topic" else ()
-        return (self.topics.scan, *(name for name in transforms if not is_static(name)), *odometry)
+        moving = [name for name in transforms if not is_static(name)]
+        if self.source == "topic" and self.topics.odometry is not None:
+            moving.append(self.topics.odometry)
+        return (self.topics.scan, *moving)
 
 
 def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
@@ -92,7 +94,7 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
         )
     frames = survey.frames() if options.odometry in ("auto", "tf") else None
     source = _source(files, options, topics, frames, survey)
-    robot_frame, to_sensor = _robot(survey, laser, options, frames, topics)
+    robot_frame, to_sensor = _robot(survey, laser, options, frames)
     sensor_pose = options.sensor_pose
     if to_sensor is None and sensor_pose is None:
         sensor_pose = STATA_SENSOR_POSE if options.profile == "stata" else None
@@ -102,7 +104,7 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
             laser.frame,
             "that of the PR2" if sensor_pose else "the robot's centre",
         )
-    odometry_lags = _odometry_lags(survey, frames, topics, source)
+    odometry_lags = _odometry_lags(survey, frames, source)
     clock = compare_clocks(laser.lags, odometry_lags, laser.sweep())
     if clock.offset:
         clock = compare_clocks(laser.lags, odometry_lags, max(_delivery(files, topics.scan), laser.sweep()))
@@ -143,7 +145,7 @@ def _sliced(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) ->
     survey = _surveyed(files, topics, options)
     laser = _laser(files, options, topics, survey)
     frames = survey.frames() if options.odometry in ("auto", "tf") else None
-    _, to_sensor = _robot(survey, laser, options, frames, topics)
+    _, to_sensor = _robot(survey, laser, options, frames)
     stated = None if to_sensor is None else pose_along(to_sensor)
     T_robot_sensor = mounting(stated, options.sensor_pose, options.upside_down)
     own = [cloud for cloud in clouds if plain(cloud.frame) == laser.frame] or clouds
@@ -178,8 +180,8 @@ def _take(survey: Survey, message: Message) -> None:
             survey.graph.add(item.parent, item.child, item.pose, is_static(message.topic), lag)
     else:
         for pose in message.content:
-            survey.add_pose(message.topic, pose.parent, pose.child, message.bag_time - pose.stamp_or(math.nan))
-        survey.no_motions[message.topic] += not message.content
+            survey.add_pose(pose.child, message.bag_time - pose.stamp_or(math.nan))
+        survey.no_motions += not message.content
 
 
 def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, survey: Survey) -> SurveyedLaser:
@@ -224,11 +226,10 @@ def _source(
             f"{files.paths[0]}: {fact} with the robot; it has {known}: "
             "pass --odom-frame and --robot-frame, or --odometry topic"
         )
-    if options.odometry != "none" and topics.odometry:
-        topic = topics.odometry[0]
-        if topic in survey.pose_topics or not survey.no_motions[topic]:  # its first pose may come late
+    if topics.odometry is not None:
+        if survey.odometry_robot is not None or not survey.no_motions:  # its first pose may come late
             return "topic"
-        fact = f"{files.paths[0]}: {topic} holds no valid poses (quaternions of zeros, or not a number)"
+        fact = f"{files.paths[0]}: {topics.odometry} holds no valid poses (quaternions of zeros, or not a number)"
         if options.odometry == "topic":
             raise DatasetError(f"{fact}: choose another with --odometry-topic, or pass --odometry none")
         logger.warning("%s; continuing without odometry", fact)
@@ -239,13 +240,12 @@ def _source(
 
 
 def _robot(
-    survey: Survey, laser: SurveyedLaser, options: RecordingOptions, frames: Frames | None, topics: ChosenTopics
+    survey: Survey, laser: SurveyedLaser, options: RecordingOptions, frames: Frames | None
 ) -> tuple[str | None, list[Step] | None]:
     """Return the robot's frame and the path from it to the laser."""
     if frames is not None:
         return frames.robot, frames.to_sensor
-    facts = survey.pose_topics.get(topics.odometry[0]) if topics.odometry else None
-    robot = find_robot_frame(survey.graph, laser.frame, options, facts.robot if facts else None)
+    robot = find_robot_frame(survey.graph, laser.frame, options, survey.odometry_robot)
     return robot, survey.graph.path(robot, laser.frame) if robot is not None else None
 
 
@@ -280,10 +280,8 @@ def _delivery(files: BagFiles, scan_topic: str) -> float:
     return min((delay for delay in delays if 0.0 < delay < LATENCY_LIMIT_S), default=0.0)
 
 
-def _odometry_lags(survey: Survey, frames: Frames | None, topics: ChosenTopics, source: str) -> list[float]:
+def _odometry_lags(survey: Survey, frames: Frames | None, source: str) -> list[float]:
     """Return bag time minus stamp of the first messages of odometry [s]."""
     if source == "tf" and frames is not None:
         return next((step.edge.lags for step in frames.to_robot if not step.edge.is_fixed), [])
-    if source == "topic" and topics.odometry[0] in survey.pose_topics:
-        return survey.pose_topics[topics.odometry[0]].lags
-    return []
+    return survey.odometry_lags if source == "topic" else []

@@ -161,7 +161,7 @@ def _description(plan: Plan) -> dict[str, object]:
         "first_scan": stated,
         "sensor_frame": plan.laser.frame,
         "odometry": plan.source,
-        "odometry_topic": plan.topics.odometry[0] if plan.source == "topic" else None,
+        "odometry_topic": plan.topics.odometry if plan.source == "topic" else None,
         "odom_frame": plan.frames.odom if plan.frames else None,
         "robot_frame": plan.robot_frame,
         "T_robot_sensor": list(mounting),

@@ -1,7 +1,6 @@
 """Facts from the beginning of a recording: frames, clocks and lasers."""
 
 import math
-from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -106,23 +105,17 @@ _SECONDS_AT_MOST = 60.0
 
 
 @dataclass
-class PoseTopic:
-    """Facts about an odometry topic; names of frames may be empty."""
-
-    frame: str
-    robot: str
-    lags: list[float] = field(default_factory=list)
-
-
-@dataclass
 class Survey:
     """Facts from the first messages."""
 
     options: RecordingOptions
     graph: FrameGraph = field(default_factory=FrameGraph)
-    pose_topics: dict[str, PoseTopic] = field(default_factory=dict)
-    no_motions: Counter[str] = field(default_factory=Counter)
-    """Messages of odometry topics that state no motion."""
+    odometry_robot: str | None = None
+    """Robot's frame by the first pose of the odometry topic, which may be empty; None before it."""
+    odometry_lags: list[float] = field(default_factory=list)
+    """Bag times minus stamps of its poses [s]."""
+    no_motions: int = 0
+    """Number of its messages that state no motion."""
     lasers: dict[str, SurveyedLaser] = field(default_factory=dict)
     """Facts about each laser by its frame, in the order of their first scans."""
     started_at: float | None = None
@@ -141,9 +134,10 @@ class Survey:
             self.lasers[name] = SurveyedLaser(name, scan, self.options)
         self.lasers[name].add(scan, bag_time)
 
-    def add_pose(self, topic: str, frame: str, robot: str, lag: float) -> None:
-        """Add a message of an odometry topic; its lag is nan if its stamp is unset."""
-        self.pose_topics.setdefault(topic, PoseTopic(frame, robot)).lags.extend([lag] * math.isfinite(lag))
+    def add_pose(self, robot: str, lag: float) -> None:
+        """Add a pose of the odometry topic; its lag is nan if its stamp is unset."""
+        self.odometry_robot = robot if self.odometry_robot is None else self.odometry_robot
+        self.odometry_lags += [lag] * math.isfinite(lag)
 
     def frames(self) -> Frames | None:
         """Return the chosen frames."""

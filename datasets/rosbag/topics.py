@@ -61,22 +61,20 @@ class ChosenTopics(NamedTuple):
 
     scan: str
     transforms: tuple[str, ...]
-    odometry: tuple[str, ...]
+    odometry: str | None
 
     def all(self) -> tuple[str, ...]:
         """Return the names of all chosen topics."""
-        return (self.scan, *self.transforms, *self.odometry)
+        return (self.scan, *self.transforms, *([] if self.odometry is None else [self.odometry]))
 
 
 def choose_topics(files: BagFiles, options: RecordingOptions) -> ChosenTopics:
-    """Choose the scans, the transforms and the candidates for odometry."""
+    """Choose the topics of the scans, the transforms and the odometry."""
     scan = _scan_topic(files, options)
     transforms: tuple[str, ...] = ()
     if options.odometry != "none" or options.sensor_pose is None:
         transforms = _transforms(files, options, scan)
-    odometry: tuple[str, ...] = ()
-    if options.odometry in ("auto", "topic"):
-        odometry = _odometry_topics(files, options, scan)
+    odometry = _odometry_topic(files, options, scan) if options.odometry in ("auto", "topic") else None
     return ChosenTopics(scan, transforms, odometry)
 
 
@@ -125,10 +123,10 @@ def _other_scans(files: BagFiles, scan: str) -> list[str]:
     return [topic.name for topic in files.of_type(*_SCAN_TYPES) if topic.messages and topic.name != scan]
 
 
-def _odometry_topics(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[str, ...]:
-    """Return the topics that may hold odometry, best first: the scans' own robot's before others."""
+def _odometry_topic(files: BagFiles, options: RecordingOptions, scan: str) -> str | None:
+    """Return the topic that most likely holds the odometry of the robot with the scans; None if there is none."""
     if options.odometry_topic is not None:
-        return (_named(files, options.odometry_topic, (ODOMETRY_TYPE, POSE_TYPE), "--odometry-topic").name,)
+        return _named(files, options.odometry_topic, (ODOMETRY_TYPE, POSE_TYPE), "--odometry-topic").name
     others, nearness = _other_scans(files, scan), nearness_to(scan)
     filled = of_same_robot([topic.name for topic in files.of_type(ODOMETRY_TYPE) if topic.messages], scan, others)
     # Other poses with covariance come from a localiser or from a click in a viewer.
@@ -141,7 +139,7 @@ def _odometry_topics(files: BagFiles, options: RecordingOptions, scan: str) -> t
         raise DatasetError(
             f"{_names(files)}: several topics hold odometry: {', '.join(filled)}: choose one with --odometry-topic"
         )
-    return tuple([*plain_first, *poses][:1])
+    return next(iter(plain_first + poses), None)
 
 
 def _named(files: BagFiles, name: str, msgtypes: tuple[str, ...], option: str) -> Topic:

@@ -32,10 +32,10 @@ def test_a_scan_takes_no_longer_than_the_next_is_away():
 
 def test_an_unset_stamp_gives_no_lag():
     survey = at([math.nan, 1.0])
-    survey.add_pose("/odom", "odom", "base_link", math.nan)
-    survey.add_pose("/odom", "odom", "base_link", 0.5)
+    survey.add_pose("base_link", math.nan)
+    survey.add_pose("base_link", 0.5)
     assert survey.laser.lags == [0.0]
-    assert survey.pose_topics["/odom"].lags == [0.5]
+    assert survey.odometry_lags == [0.5]
 
 
 def test_the_laser_with_most_usable_scans_wins():
