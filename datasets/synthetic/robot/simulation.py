@@ -1,7 +1,6 @@
 """Robots in a world: laser measurements, odometry that drifts, true poses, and drives of any length."""
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,6 +16,7 @@ from datasets.synthetic.world.world import CorridorLattice, World
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.atomic_file import write_text
+from tbmslam.io.trajectory_file import write_tum
 from tbmslam.parallel.executor import Progress
 from tbmslam.sensing.laser_scan import Reading
 
@@ -190,7 +190,7 @@ def write_truth(
     entries = []
     for robot, bag in zip(robots, bags, strict=True):
         tum = f"{Path(bag).stem}.truth.tum"
-        write_text(folder / tum, tum_text(robot.truth))
+        write_tum(folder / tum, robot.truth)
         entries.append(
             {
                 "name": robot.name,
@@ -211,15 +211,6 @@ def write_truth(
         "robots": entries,
     }
     write_text(folder / "truth.json", json.dumps(truth, indent=2, sort_keys=True) + "\n")
-
-
-def tum_text(trajectory: Trajectory) -> str:
-    """Return a trajectory as TUM text with a line for each pose: stamp x y z qx qy qz qw."""
-    lines = (
-        f"{stamp:.9f} {x:.9f} {y:.9f} 0 0 0 {math.sin(theta / 2.0):.9f} {math.cos(theta / 2.0):.9f}\n"
-        for stamp, (x, y, theta) in zip(trajectory.stamps, trajectory.poses, strict=True)
-    )
-    return "".join(lines)
 
 
 Route = Literal["round", "spiral"]

@@ -11,7 +11,7 @@ from datasets.synthetic.bag_writing import write_ros1_bag
 from datasets.synthetic.buildings import make_world
 from datasets.synthetic.robot.drives import plan_drives
 from datasets.synthetic.robot.laser import SimulatedLaser
-from datasets.synthetic.robot.simulation import OdometryNoise, poses_at, simulate, tum_text, write_truth
+from datasets.synthetic.robot.simulation import OdometryNoise, poses_at, simulate, write_truth
 from datasets.synthetic.world.world import load_world
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2, wrap_angles
@@ -180,8 +180,3 @@ def test_truth_files_say_where_robots_were(tmp_path):
         assert entry["scans"] == 100
     assert [entry["trajectory"] for entry in truth["robots"]] == ["robot_0.truth.tum", "robot_1.truth.tum"]
     assert len(list(tmp_path.iterdir())) == 4
-
-
-def test_tum_has_nine_digits_and_no_space_at_the_end():
-    text = tum_text(Trajectory(np.array([1300000000.05]), np.array([[1.0, -2.0, np.pi / 2]])))
-    assert text == "1300000000.049999952 1.000000000 -2.000000000 0 0 0 0.707106781 0.707106781\n"
