@@ -7,12 +7,15 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from datasets.counts import ReadingCounts
 from datasets.odometry.se3 import SE3
 from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan, Reading
+
+if TYPE_CHECKING:
+    from datasets.odometry.source import NoMotion
 
 
 class FoundPose(NamedTuple):
@@ -31,8 +34,6 @@ class PoseHistory:
     """
 
     def __init__(self, capacity: int = 20_000) -> None:
-        if capacity < 2:
-            raise ValueError(f"capacity must be at least 2, got {capacity}")
         self._capacity = capacity
         self._stamps: list[float] = []
         self._poses: list[SE3] = []
@@ -123,19 +124,6 @@ EXTRAPOLATION_LIMIT_S = 0.2
 _MOST_WAITING = 5000
 
 
-class Motion(Protocol):
-    """Pose of the robot, and mount of the laser on it."""
-
-    def histories(self) -> list[PoseHistory]:
-        """Return the recorded poses that must reach a stamp before it can be answered."""
-
-    def odometry(self, poses: list[SE3]) -> SE2 | None:
-        """Return T_odom_robot from one pose of each history; None if the recording has no odometry."""
-
-    def mounting(self, stamp: float) -> tuple[SE2, bool]:
-        """Return T_robot_sensor and whether the laser is mounted upside down."""
-
-
 class _Waiting(NamedTuple):
     """A scan that waits for odometry, its first and its last beam by the clock of the odometry [s]."""
 
@@ -155,7 +143,7 @@ class Pairing:
     """
 
     def __init__(
-        self, motion: Motion, counts: ReadingCounts, clock_offset: float, odometry_scale: float, patience_s: float
+        self, motion: "NoMotion", counts: ReadingCounts, clock_offset: float, odometry_scale: float, patience_s: float
     ) -> None:
         self._motion = motion
         self._histories = motion.histories()

@@ -79,11 +79,6 @@ def test_nearest_holds_the_ends():
     assert PoseHistory().nearest(1.0) is None
 
 
-def test_capacity_is_checked():
-    with pytest.raises(ValueError, match="capacity must be at least 2, got 1"):
-        PoseHistory(1)
-
-
 def scan_at(stamp):
     return LaserScan(stamp, -0.5, 0.5, 0.1, 30.0, np.array([1.0, 2.0]))
 
