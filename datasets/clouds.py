@@ -153,14 +153,7 @@ class CloudSlice:
 
 def rotation_of(pose: SE3) -> FloatArray:
     """Return the rotation matrix (3, 3) of a motion."""
-    x, y, z, w = pose.qx, pose.qy, pose.qz, pose.qw
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.column_stack([pose.rotated(*axis) for axis in np.eye(3).tolist()])
 
 
 def _nearest_walls(turned: FloatArray, ranges: FloatArray, beams: int) -> FloatArray:

@@ -41,7 +41,7 @@ class SE3(NamedTuple):
 
     def __matmul__(self, other: "SE3") -> "SE3":
         """Return the composition: first `other`, then this motion."""
-        x, y, z = self._rotate(other.x, other.y, other.z)
+        x, y, z = self.rotated(other.x, other.y, other.z)
         ax, ay, az, aw = self.qx, self.qy, self.qz, self.qw
         bx, by, bz, bw = other.qx, other.qy, other.qz, other.qw
         return SE3(
@@ -57,7 +57,7 @@ class SE3(NamedTuple):
     def inverse(self) -> "SE3":
         """Return the inverse motion."""
         turned_back = SE3(0.0, 0.0, 0.0, -self.qx, -self.qy, -self.qz, self.qw)
-        x, y, z = turned_back._rotate(self.x, self.y, self.z)
+        x, y, z = turned_back.rotated(self.x, self.y, self.z)
         return SE3(-x, -y, -z, -self.qx, -self.qy, -self.qz, self.qw)
 
     def interpolate(self, other: "SE3", fraction: float) -> "SE3":
@@ -94,8 +94,8 @@ class SE3(NamedTuple):
         """Return the upward component of the z axis: 1 upright, 0 horizontal, -1 upside down."""
         return 1.0 - 2.0 * (self.qx * self.qx + self.qy * self.qy)
 
-    def _rotate(self, x: float, y: float, z: float) -> tuple[float, float, float]:
-        """Rotate a vector: v + 2 q x (q x v + w v)."""
+    def rotated(self, x: float, y: float, z: float) -> tuple[float, float, float]:
+        """Return a vector rotated: v + 2 q x (q x v + w v)."""
         qx, qy, qz, qw = self.qx, self.qy, self.qz, self.qw
         cx = qy * z - qz * y + qw * x
         cy = qz * x - qx * z + qw * y
