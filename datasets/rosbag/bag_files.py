@@ -29,7 +29,8 @@ def is_ros1(path: Path) -> bool:
 def storage_files(folder: Path) -> list[Path]:
     """Return the storage files of a ROS 2 bag's directory in the order of writing: 10 comes after 9."""
     files = [entry for entry in folder.iterdir() if entry.suffix in STORAGE_SUFFIXES]
-    return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in _parts(file.name)])
+    # The parts of a name are text and numbers, by turns.
+    return sorted(files, key=lambda file: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", file.name)])
 
 
 class CutFileError(ValueError):
@@ -55,11 +56,6 @@ def check_files(path: Path) -> None:
         size = file.stat().st_size
         if size < stated:
             raise CutFileError(f"the database is cut off, {size} of {stated} bytes are there")
-
-
-def _parts(name: str) -> list[str]:
-    """Return the numbers of a name and the text between them, text first."""
-    return re.split(r"(\d+)", name)
 
 
 _PIECE = 1 << 20  # bytes that are unpacked at a time
