@@ -136,12 +136,7 @@ def _is_constant(scans: list[LoggedScan]) -> bool:
 
 def _sampled(lines: list[str], settings: LogSettings) -> list[LoggedScan]:
     """Read the sampled lines that can be read."""
-    scans = []
-    for line in lines:
-        scan = _read(line, settings)
-        if scan is not None:
-            scans.append(scan)
-    return scans
+    return [scan for line in lines if (scan := _read(line, settings)) is not None]
 
 
 def _read(line: str, settings: LogSettings) -> LoggedScan | None:
@@ -216,11 +211,10 @@ def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> 
 def _add_pose(motion: TopicMotion, line: str, settings: LogSettings, number: int) -> None:
     """Add a line of odometry before the scan of a number, unless it is damaged."""
     try:
-        pose = pose_from(_with_points(line), settings)
+        stamp, T_odom_robot = pose_from(_with_points(line), settings)
     except (ValueError, IndexError):
         return
-    stamp = float(number) if settings.times == "none" else pose.stamp
-    motion.add(stamp, SE3.from_planar(pose.T_odom_robot))
+    motion.add(float(number) if settings.times == "none" else stamp, SE3.from_planar(T_odom_robot))
 
 
 def _description(

@@ -24,13 +24,6 @@ class LoggedScan(NamedTuple):
     T_robot_sensor: SE2
 
 
-class LoggedPose(NamedTuple):
-    """A pose of the odometry and its time [s]."""
-
-    stamp: float
-    T_odom_robot: SE2
-
-
 class LogSettings(NamedTuple):
     """Settings of a whole log."""
 
@@ -56,10 +49,10 @@ def scan_from(line: str, settings: LogSettings) -> LoggedScan:
     return _SCAN_READERS[words[0]](words, settings)
 
 
-def pose_from(line: str, settings: LogSettings) -> LoggedPose:
-    """Read a line of ODOM; ValueError or IndexError if it is cut off."""
+def pose_from(line: str, settings: LogSettings) -> tuple[float, SE2]:
+    """Read time [s] and T_odom_robot from a line of ODOM; ValueError or IndexError if it is cut off."""
     words = line.split()
-    return LoggedPose(_time(words[-3:], settings), _pose(words[1:4]))
+    return _time(words[-3:], settings), _pose(words[1:4])
 
 
 def _flaser(words: list[str], settings: LogSettings) -> LoggedScan:
