@@ -103,12 +103,8 @@ def options_from(args: argparse.Namespace) -> "RecordingOptions":
     return RecordingOptions(**given_options(args))
 
 
-def scan_topics_of_recordings(args: argparse.Namespace) -> dict[str, str]:
-    """Return the topics of scans for single recordings, by the given name of the recording."""
-    return {name: topic for name, topic in _scan_topics(args).items() if name}
-
-
-def _scan_topics(args: argparse.Namespace) -> dict[str, str]:
+def scan_topics(args: argparse.Namespace) -> dict[str, str]:
+    """Return the topics of scans by the given name of the recording; "" stands for all recordings."""
     parted = (text.rpartition("=") for text in args.scan_topic or ())
     return {name: topic for name, _, topic in parted}
 
@@ -119,7 +115,7 @@ def given_options(args: argparse.Namespace) -> dict[str, Any]:
     from tbmslam.geometry.se2 import SE2
 
     given = {field.name: getattr(args, field.name) for field in dataclasses.fields(RecordingOptions)}
-    given["scan_topic"] = _scan_topics(args).get("")
+    given["scan_topic"] = scan_topics(args).get("")
     if args.sensor_pose:
         x, y, degrees = args.sensor_pose
         given["sensor_pose"] = SE2(x, y, math.radians(degrees))

@@ -21,7 +21,7 @@ from tbmslam.sensing.segmentation import (
     split_by_time,
 )
 from tools.command_line.configuration import Configuration
-from tools.command_line.options import scan_topics_of_recordings
+from tools.command_line.options import scan_topics
 from tools.command_line.output_folder import OutputError
 from tools.mapping.task import MappingTask, Shelf, finished
 
@@ -111,7 +111,9 @@ def _configs(
 ) -> dict[str, Configuration]:
     """Return the parameters of each recording, since topics of scans may differ."""
     configs = dict.fromkeys(recordings, config)
-    for key, topic in scan_topics_of_recordings(args).items():
+    for key, topic in scan_topics(args).items():
+        if not key:  # of all recordings
+            continue
         meant = [name for name, paths in recordings.items() if key in {name, *(path.name for path in paths)}]
         if not meant:
             raise OutputError(f"--scan-topic {key}={topic} names no recording: there are {', '.join(recordings)}")
