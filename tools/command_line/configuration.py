@@ -59,23 +59,19 @@ def read_configuration(preset_name: str | None, file: Path | None) -> Configurat
     return changed(config, {**changes, "preset": config.preset}, str(path))
 
 
-def whole_text(config: Configuration) -> str:
-    """Return the public parameters, and constants that differ from the preset's, as TOML."""
-    return _text(config)
+def whole_text(config: Configuration, leave_out: Collection[str] = ()) -> str:
+    """Return the public parameters but some, and constants that differ from the preset's, as TOML."""
+    return config_text(config, _HEADING, leave_out, Configuration.of_preset(config.preset))
 
 
 def mapping_text(config: Configuration) -> str:
     """Return the parameters that a map depends on, as TOML."""
-    return _text(config, ["merging"])
+    return whole_text(config, ["merging"])
 
 
 def merging_text(config: MergeConfig) -> str:
     """Return the parameters that a merge depends on, as TOML."""
-    return _text(Configuration(merging=config), [*SlamConfig.model_fields, "recording"])
-
-
-def _text(config: Configuration, leave_out: Collection[str] = ()) -> str:
-    return config_text(config, _HEADING, leave_out, Configuration.of_preset(config.preset))
+    return whole_text(Configuration(merging=config), [*SlamConfig.model_fields, "recording"])
 
 
 def _read(path: Path) -> Mapping[str, object]:
