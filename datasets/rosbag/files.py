@@ -1,7 +1,7 @@
 """Bag files as one stream of decoded messages."""
 
 import hashlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from heapq import merge
 from itertools import combinations, islice, pairwise
 from pathlib import Path
@@ -18,20 +18,6 @@ _HALF = 0.5
 
 _LONG_PAUSE_NS = 600 * 10**9
 """Time between the files of one drive that causes a warning: a recorder begins a new file within seconds."""
-
-
-def check_for_robots(sources: Sequence[BagSource], topic: str) -> None:
-    """Refuse bags that hold different scans of the same time, such as bags of two robots.
-
-    Merged by time, they are not one drive. A bag that is given twice, or recorded again, holds the same scans.
-    """
-    holding = [source for source in sources if any(c.topic == topic and c.msgcount for c in source.connections)]
-    for bag, other in combinations(holding, 2):
-        if _overlap(bag, other) and not _alike(bag, other, topic):
-            raise DatasetError(
-                f"{bag.path} and {other.path} hold different scans of {topic} from the same time: "
-                "if they are of two robots, pass --separate, else give one of them"
-            )
 
 
 def _overlap(bag: BagSource, other: BagSource) -> bool:
@@ -104,9 +90,17 @@ class BagFiles:
         self._cut = cut
 
     def check_for_robots(self, scan_topic: str) -> None:
-        """Refuse files that hold different scans from the same time."""
-        if len(self._sources) > 1:
-            check_for_robots(self._sources, scan_topic)
+        """Refuse files that hold different scans of the same time, such as bags of two robots.
+
+        Merged by time, they are not one drive. A bag that is given twice, or recorded again, holds the same scans.
+        """
+        holding = [s for s in self._sources if any(c.topic == scan_topic and c.msgcount for c in s.connections)]
+        for bag, other in combinations(holding, 2):
+            if _overlap(bag, other) and not _alike(bag, other, scan_topic):
+                raise DatasetError(
+                    f"{bag.path} and {other.path} hold different scans of {scan_topic} from the same time: "
+                    "if they are of two robots, pass --separate, else give one of them"
+                )
 
     def pauses(self) -> list[str]:
         """Return a warning for each long pause between two files."""
