@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -163,11 +163,8 @@ def announced_by(folder: Path) -> BagAnnouncement:
         for topic in information["topics_with_message_count"]:
             name = str(topic["topic_metadata"]["name"])
             messages[name] = messages.get(name, 0) + int(topic["message_count"])
-        start, seconds = (1e-9 * int(value) for value in (_start(information), information["duration"]["nanoseconds"]))
+        start = 1e-9 * int(information["starting_time"]["nanoseconds_since_epoch"])
+        seconds = 1e-9 * int(information["duration"]["nanoseconds"])
     except Exception:  # noqa: BLE001 - a damaged description may hold anything
         return BagAnnouncement()
     return BagAnnouncement(files, messages, start, seconds)
-
-
-def _start(information: Any) -> int:
-    return int(information["starting_time"]["nanoseconds_since_epoch"])
