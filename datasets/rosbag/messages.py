@@ -1,16 +1,10 @@
 """The ROS messages that are read: their definitions, and their bytes decoded to the types of this project."""
 
-from functools import cache
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
-
 import logging
 import struct
 from collections.abc import Callable, Iterator
-from functools import lru_cache
-from typing import Any, NamedTuple, TypeAlias
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,6 +12,9 @@ from datasets.clouds import PointCloud, PointCloudError, cloud_of
 from datasets.odometry.se3 import SE3
 from datasets.scans.intake import RawScan
 from tbmslam.errors import printable
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ECHOES_TYPE = "sensor_msgs/msg/MultiEchoLaserScan"
