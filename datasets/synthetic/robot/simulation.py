@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -39,8 +39,6 @@ class OdometryNoise:
     alpha4: float
     """Variance of a translation per squared turn [m^2/rad^2]."""
 
-    PRESETS: ClassVar[tuple[str, ...]] = ("none", "good", "poor")
-
     def __post_init__(self) -> None:
         """Check that no variance is negative."""
         for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
@@ -56,7 +54,7 @@ class OdometryNoise:
             "poor": cls(0.07, 7e-4, 0.05, 1.3e-3),
         }
         if name not in presets:
-            raise ValueError(f"name must be one of {', '.join(cls.PRESETS)}, got {name!r}")
+            raise ValueError(f"name must be one of {', '.join(presets)}, got {name!r}")
         return presets[name]
 
     def odometry(self, drive: Trajectory, rng: np.random.Generator) -> Trajectory:
