@@ -48,9 +48,7 @@ class World:
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return (min_x, min_y, max_x, max_y) of the walls [m]."""
-        points = self.walls.reshape(-1, 2)
-        (min_x, min_y), (max_x, max_y) = points.min(axis=0), points.max(axis=0)
-        return float(min_x), float(min_y), float(max_x), float(max_y)
+        return _bounds(self.walls)
 
     def grid(self, resolution: float = 0.05, margin: float = 0.5) -> GridGeometry:
         """Return a grid of the whole world with a margin [m] on each side."""
@@ -65,10 +63,8 @@ class World:
         T_grid_world = SE2.identity() if T_world_grid is None else T_world_grid.inverse()
         walls = T_grid_world.apply(self.walls.reshape(-1, 2, 2)).reshape(-1, 4)
         places = T_grid_world.apply(self.places)
-        ends = walls.reshape(-1, 2)
-        (min_x, min_y), (max_x, max_y) = ends.min(axis=0), ends.max(axis=0)
         # Free space may be connected outside of these cells.
-        whole = _covering((float(min_x), float(min_y), float(max_x), float(max_y)), geometry, geometry.resolution)
+        whole = _covering(_bounds(walls), geometry, geometry.resolution)
         if whole.rows * whole.cols > MAX_CELLS:
             raise WorldError(
                 f"the world {self.name} and the map reach together over {whole.rows} x {whole.cols} cells: give the "
@@ -104,14 +100,20 @@ def load_world(path: Path) -> World:
     raise WorldError(f"{file} {why}; make a world with `tbmslam world`")
 
 
+def _bounds(walls: FloatArray) -> tuple[float, float, float, float]:
+    """Return (min_x, min_y, max_x, max_y) of segments (N, 4)."""
+    points = walls.reshape(-1, 2)
+    (min_x, min_y), (max_x, max_y) = points.min(axis=0), points.max(axis=0)
+    return float(min_x), float(min_y), float(max_x), float(max_y)
+
+
 def _covering(bounds: tuple[float, float, float, float], cells: GridGeometry, margin: float) -> GridGeometry:
     """Return a grid on the lattice of `cells` that contains both it and `bounds`."""
     min_x, min_y, max_x, max_y = bounds
     bottom, left = cells.cell_at(min_x - margin, min_y - margin)
     top, right = cells.cell_at(max_x + margin, max_y + margin)
-    bottom, left = min(bottom, 0), min(left, 0)
-    if not cells.rows:  # an empty lattice: only the bounds count
-        bottom, left = cells.cell_at(min_x - margin, min_y - margin)
+    if cells.rows:  # of an empty lattice, only the bounds count
+        bottom, left = min(bottom, 0), min(left, 0)
     return cells.part(bottom, max(top + 1, cells.rows), left, max(right + 1, cells.cols))
 
 
