@@ -147,8 +147,7 @@ class ScanIntake:
             return None
         clean = self.cleaned([raw])[0] if clean is None else clean
         for fate, number in zip(FATES, clean.beams, strict=True):
-            if number:
-                self._counts.add_beams(fate, number)
+            self._counts.add_beams(fate, number)
         if clean.farthest_m >= self._counts.farthest_m:
             self._counts.add_farthest(clean.farthest_m, raw.ranges)
         if clean.says_nothing:

@@ -146,8 +146,6 @@ def _map(
 def _print_result(task: MappingTask, made: Mapped, printed: set[tuple[tuple[Path, ...], str]]) -> None:
     """Print the result of a robot, and the counts of its recording unless they are in `printed`."""
     result = made.run["result"]
-    if not isinstance(result, Mapping):
-        return
     how = "kept from an earlier run" if made.seconds is None else f"{made.seconds:.1f} s"
     scans = in_number(result["scans"], "scan", "scans")
     keyframes = in_number(result["keyframes"], "keyframe", "keyframes")

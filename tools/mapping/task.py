@@ -10,6 +10,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +85,7 @@ class MappingTask:
 class Mapped:
     """The result of a task."""
 
-    run: Mapping[str, object]
+    run: Mapping[str, Any]
     """The content of run.json."""
     summary: str = ""
     seconds: float | None = None

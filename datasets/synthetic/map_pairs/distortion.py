@@ -97,12 +97,11 @@ class Distortion:
         marks = self._refurnished(marks, resolution, rng)
         marks = self._degraded(marks, resolution, rng)
         marks, T_map_building, displacements = self._deformed(marks, resolution, rng)
-        free = marks == 1
-        marks[free & (rng.random(marks.shape) < self.speckle)] = 2
+        marks[(marks == _FREE) & (rng.random(marks.shape) < self.speckle)] = _WALL
         occupancy = np.full(marks.shape, -1, dtype=np.int8)
         sure_free, sure_wall = rng.integers(0, 7, marks.shape) * 5, 70 + rng.integers(0, 7, marks.shape) * 5
-        occupancy[marks == 1] = sure_free[marks == 1]
-        occupancy[marks == 2] = sure_wall[marks == 2]
+        occupancy[marks == _FREE] = sure_free[marks == _FREE]
+        occupancy[marks == _WALL] = sure_wall[marks == _WALL]
         return DistortedMap(occupancy, T_map_building, displacements)
 
     def _refurnished(self, marks: Marks, resolution: float, rng: np.random.Generator) -> Marks:

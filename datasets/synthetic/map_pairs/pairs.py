@@ -10,14 +10,12 @@ from scipy import ndimage, sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from datasets.synthetic.buildings import make_world
-from datasets.synthetic.map_pairs.distortion import DistortedMap, Distortion, Draw
+from datasets.synthetic.map_pairs.distortion import DistortedMap, Distortion, Draw, Occupancy
 from datasets.synthetic.world.world import CorridorLattice, World, graph_of_cells
 from tbmslam.belief.masses import FREE, OCCUPIED
 from tbmslam.evaluation.trajectory_errors import fit_rigid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.io.atomic_file import replacing
-
-Occupancy = npt.NDArray[np.int8]
 
 OVERLAPS = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
 """Overlaps to draw from, as shares of the smaller map's free cells that both maps know."""
@@ -56,7 +54,7 @@ class MapPair:
 
     @property
     def known_m2(self) -> float:
-        """Area that both maps know [m^2]."""
+        """Sum of the known areas of both maps [m^2]."""
         return float(sum(np.count_nonzero(cells >= 0) for cells in (self.occ_a, self.occ_b)) * self.resolution**2)
 
     def save(self, folder: Path) -> Path:
@@ -175,7 +173,7 @@ def explored_parts(building: Building, overlap: float, rng: np.random.Generator)
         distances <= _quantile(order, share)
         for distances, order in zip((distances_a, distances_b), ranked, strict=True)
     )
-    return _seen(building.occupancy, a & free), _seen(building.occupancy, b & free)
+    return _seen(building.occupancy, a), _seen(building.occupancy, b)
 
 
 def _quantile(ranked: npt.NDArray[np.float64], share: float) -> float:

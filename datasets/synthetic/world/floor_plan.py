@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from datasets.synthetic.world.world import World
-from tbmslam.geometry.se2 import SE2, FloatArray
+from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray
 
 
 class Rectangle(NamedTuple):
@@ -129,9 +129,7 @@ class FloorPlan:
         return np.array(upright + level)
 
 
-def _runs(
-    lines: FloatArray, is_border: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-) -> list[tuple[float, int, int]]:
+def _runs(lines: FloatArray, is_border: BoolArray) -> list[tuple[float, int, int]]:
     """Return runs of border cells on each line: the line, and the indices where the run begins and ends."""
     runs = []
     for line, cells in zip(lines, is_border, strict=True):
