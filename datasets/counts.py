@@ -139,7 +139,7 @@ class ReadingCounts:
             setattr(self, name, dict(value) if isinstance(value, dict) else value)
 
     def as_dict(self) -> dict[str, object]:
-        """Return all counts for JSON in a fixed order, without those that have times."""
+        """Return all counts for JSON in a fixed order, without incidents and pauses."""
         return {
             name: dict(sorted(value.items())) if isinstance(value, dict) else value
             for name, value in vars(self).items()

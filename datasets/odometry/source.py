@@ -87,7 +87,7 @@ class NoMotion:
 
 
 class TopicMotion(NoMotion):
-    """Odometry from the poses of a topic or of a log; parameters as in `NoMotion`."""
+    """Odometry from the poses of a topic or of a log."""
 
     def __init__(self, mounting: Mounting) -> None:
         super().__init__(mounting)

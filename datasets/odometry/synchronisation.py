@@ -200,7 +200,10 @@ class Pairing:
         return waiting.poses_then < 0 or not self._histories or self._received() > waiting.poses_then
 
     def _answer(self, waiting: _Waiting) -> Reading | None:
-        """Return the reading of a scan, without odometry where that is missing for long, or count why there is none."""
+        """Return the reading of a scan. It has no odometry where odometry is missing for long.
+
+        A scan before the first pose is counted as dropped; then return None.
+        """
         poses = []
         carried_on = False
         for history in self._histories:

@@ -102,7 +102,7 @@ class _Pass:
             logger.warning("%s; %s read, %s", line, in_number(self._counts.scans_read, "scan was", "scans were"), known)
 
     def _take(self, message: Message, cleaned: Iterator[CleanScan]) -> None:
-        """Add the scan, the transforms or the odometry of a message; count what cannot be read."""
+        """Add the scan, the transforms or the odometry of a message; count unreadable scans."""
         content, unset = message.content, message.bag_time - self._plan.unset_lags[1]
         if isinstance(content, FramedScan):
             self._take_scan(content, message.bag_time, next(cleaned))

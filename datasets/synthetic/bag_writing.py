@@ -281,7 +281,7 @@ def _nanoseconds(stamp: float) -> int:
 
 
 def _replace_folder(new: Path, target: Path, aside: Path) -> None:
-    """Replace a folder; the old one is moved aside first, and back if the second step fails."""
+    """Replace a folder. The old folder is moved aside first, and moved back if the replacement fails."""
     if not target.exists():
         new.replace(target)
         return

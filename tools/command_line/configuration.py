@@ -47,7 +47,10 @@ class Configuration(SlamConfig):
 
 
 def read_configuration(preset_name: str | None, file: Path | None) -> Configuration:
-    """Return a preset, by default that of the file, changed by a file or by the config.toml of a folder."""
+    """Return the configuration of a preset, changed by a file or by the config.toml of a folder.
+
+    Without a preset name, the preset of the file is used.
+    """
     if file is None:
         return Configuration.of_preset("default" if preset_name is None else preset_name)
     path = file / "config.toml" if file.is_dir() else file

@@ -44,7 +44,7 @@ def check_extra_files(options: argparse.Namespace) -> None:
 def write_extra_files(folder: Path, tbm_map: "TbmMap | None", options: argparse.Namespace) -> None:
     """Write the requested files, and rewrite those of an earlier run so that all show the same map.
 
-    Without a map the files of an earlier run are removed. So is an earlier GeoTIFF where rasterio is not installed.
+    Without a map, files of an earlier run are removed. An earlier GeoTIFF is also removed if rasterio is not installed.
     """
     if tbm_map is None:
         for name in EXTRA_FILES:

@@ -158,7 +158,7 @@ def say(line: str) -> None:
 
 
 def typed_command(program: str, arguments: Sequence[str] | None) -> str:
-    """Return the command line for a shell: of the start from a shell if `arguments` is None, else of the call."""
+    """Return the command line as typed in a shell: the one that started Python if `arguments` is None."""
     return shlex.join(sys.orig_argv if arguments is None else [*program.split(), *arguments])
 
 

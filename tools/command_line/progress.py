@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 _ANNOUNCEMENT = "compiling for this machine: a minute or two, the first time only"
-_LONG_S = 5.0  # time of compilation after which a log is told, too. A terminal is told at once
+_LONG_S = 5.0  # compilation time after which a log also gets the announcement [s]; a terminal gets it at once
 _COUNTING = "{desc}: {n_fmt}/{total_fmt}{unit}{postfix}"
 """A bar while functions are compiled: the rate and the remaining time say nothing yet."""
 
@@ -126,7 +126,7 @@ class ProgressBars(Progress):
                 bar.bar_format = None  # also after the compilation of functions
 
     def told_in_workers(self) -> Callable[[], object]:
-        """Return what lets a worker announce that it compiles; the others compile the same at the same time."""
+        """Return the function that lets a worker announce its compilations."""
         return announce_compiling
 
     def saw(self, name: str, reading: "Reading", T_map_robot: "SE2") -> None:

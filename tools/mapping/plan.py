@@ -77,8 +77,8 @@ def plan_mapping(
 ) -> list[MappingTask]:
     """Return the robots in the order of the recordings.
 
-    A recording that is split is read for it, unless all its robots are finished already. If one of several recordings
-    cannot be split, its robots fail when they are mapped.
+    A recording must be read before it can be split. It is not read if all its robots are finished. If one of several
+    recordings cannot be split, its robots fail when they are mapped.
     """
     recordings = list_recordings(args.recordings)
     groups = [(path,) for path in recordings] if args.separate else [tuple(recordings)]

@@ -206,7 +206,7 @@ def write_truth(
 ) -> None:
     """Write the pose of each robot's map in the true frame of its recording, unless it is written already.
 
-    The file contains the kind of the reference and the warnings of its making, since a map of ours may be torn itself.
+    The file states the kind of the reference and the warnings of its mapping, since that map may be wrong too.
     Without a given true trajectory of its recording, the default SLAM maps the whole recording as the reference. Then a
     robot that saw too little for an alignment is left out with a warning.
     """

@@ -52,7 +52,7 @@ class MappingTask:
     share: Mapping[str, object] | None
     """Choice of its part of the recording for JSON; None for the whole recording."""
     T_own_start: SE2 | None
-    """Initial pose in its frame; None for that of the odometry."""
+    """Initial pose of the robot in its own frame; None: the frame is that of the odometry."""
     folder: Path
     segment: Segment | None = None
     counts: ReadingCounts | None = None
@@ -222,7 +222,7 @@ def _run_record(task: MappingTask, recording: Recording) -> dict[str, object]:
 
 
 def valid_json(record: Mapping[str, object]) -> dict[str, object]:
-    """Return a record as JSON can hold it: null instead of infinity and of what is no number."""
+    """Return a record as valid JSON: infinity and nan become null."""
     made: dict[str, object] = json.loads(json.dumps(record), parse_constant=lambda _: None)
     return made
 
