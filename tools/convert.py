@@ -138,11 +138,15 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     from tbmslam.io.ros_map import ros_pixels, write_ros_map
     from tbmslam.io.tbm_dump import write_tbm_dump
     from tbmslam.io.trajectory_file import write_g2o
+    from tools.command_line.checksums import EDIT_FILES, write_checksums
     from tools.command_line.output_folder import output_folder
 
     if ending == "":
         with output_folder(out):
             save_map(out, tbm_map)
+            for name in EDIT_FILES:  # the new map has no edits
+                (out / name).unlink(missing_ok=True)
+            write_checksums(out)
     elif ending == ".npz":
         write_map_file(out, tbm_map)
     elif ending in (".yaml", ".yml"):

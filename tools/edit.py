@@ -32,6 +32,7 @@ map has by then. The edits.toml and the forbidden areas of an edited MAP are con
 but no scans: a merge would draw the map from them again.
 """
 EDITS, KEEPOUT, _ALIGN = "edits.toml", "keepout", "align-axes"
+_MASKS = (f"{KEEPOUT}.yaml", f"{KEEPOUT}.pgm")
 _CORNERS = ("X0", "Y0", "X1", "Y1")
 
 Edit = tuple[str, tuple[float, ...]]
@@ -95,22 +96,21 @@ def _run(args: argparse.Namespace) -> None:
     from tools.command_line.checksums import write_checksums
     from tools.command_line.output_folder import output_folder
 
-    masks = (f"{KEEPOUT}.yaml", f"{KEEPOUT}.pgm")
     read = files_of_map(args.map)
-    refuse_to_overwrite(read, (args.out / name for name in (*FIXED_NAMES, *masks)))
+    refuse_to_overwrite(read, (args.out / name for name in (*FIXED_NAMES, *_MASKS)))
     tbm_map = load_map(args.map)
     earlier = _earlier_edits(read[0], tbm_map)
     wanted = _wanted_edits(args, earlier)
-    tbm_map, mask, done = _applied(tbm_map, _earlier_mask(read[0].with_name(masks[0]), earlier), wanted)
+    tbm_map, mask, done = _applied(tbm_map, _earlier_mask(read[0].with_name(_MASKS[0]), earlier), wanted)
     tbm_map = without_scans(tbm_map)
     with output_folder(args.out):
         save_map(args.out, tbm_map)
         write_extra_files(args.out, tbm_map, args)
         _write_edits(args.out / EDITS, [*earlier, *done])
-        for name in masks:
+        for name in _MASKS:
             (args.out / name).unlink(missing_ok=True)
         if mask is not None:
-            write_ros_map(args.out / masks[0], mask.grid)
+            write_ros_map(args.out / _MASKS[0], mask.grid)
         write_checksums(args.out)
     print(f"{args.map}: {tbm_map.grid.summary()} -> {args.out}")
 

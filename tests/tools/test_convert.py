@@ -11,7 +11,8 @@ from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.map.tbm_map import TbmMap
 from tests.tools.build_maps.built_maps import QUICK
-from tools import build_maps, convert
+from tools import build_maps, convert, edit
+from tools.command_line.checksums import changed_files
 
 
 @pytest.fixture
@@ -37,6 +38,14 @@ def test_each_format_leads_back_to_the_same_cells(plan, tmp_path, name, capsys):
     assert after.grid.geometry == pytest.approx(before.grid.geometry)
     np.testing.assert_array_equal(after.to_occupancy(), before.to_occupancy())
     np.testing.assert_allclose(after.grid.masses, before.grid.masses, atol=1e-6)
+
+
+def test_a_map_that_replaces_an_edited_one_has_no_edits(plan, tmp_path):
+    words = (plan, "--keepout", -1, 2, 0, 3, "-o", tmp_path / "edited")
+    assert edit.main([str(word) for word in words]) == 0
+    assert run(plan, tmp_path / "edited") == 0
+    assert not {"edits.toml", "keepout.yaml", "keepout.pgm"} & {file.name for file in (tmp_path / "edited").iterdir()}
+    assert changed_files(tmp_path / "edited") == []
 
 
 def test_a_picture_needs_the_size_of_its_pixels(plan, tmp_path, capsys):

@@ -8,9 +8,11 @@ from tbmslam.special_file import sha256_of, why_unreadable
 from tools.command_line.extra_files import EXTRA_FILES
 
 NAME = "SHA256SUMS"
+EDIT_FILES = ("edits.toml", "keepout.yaml", "keepout.pgm")
+"""Files of an edited map besides the map."""
 _BESIDE_THE_MAP = (
     *("config.toml", "run.json", "report.json", "overlay.png", "contradictions.png", *EXTRA_FILES),
-    *("edits.toml", "keepout.yaml", "keepout.pgm"),
+    *EDIT_FILES,
 )
 """Files of a result besides the map, without the pages, which contain times."""
 
