@@ -92,7 +92,7 @@ def adjust(
     coarse = coarse_space_of(stretches.ends)
     hits = stretches.hits(drives, config)
     held = held_poses(len(stretches.middles))
-    before = at = poses[stretches.middles]
+    before = at = np.column_stack((poses[stretches.middles, :2], wrap_angles(poses[stretches.middles, 2])))
     factors: Preconditioner | None = None
     for number in range(config.quick_rounds + config.rounds):
         every = _QUICK if number < config.quick_rounds else 1

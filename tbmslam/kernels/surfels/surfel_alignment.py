@@ -183,10 +183,16 @@ def place_scan(
 
 @part
 def composed(first: Pose, second: Pose) -> Pose:
-    """Return `first @ second` without wrapping the heading."""
+    """Return `first @ second`."""
     cosine, sine = math.cos(first[2]), math.sin(first[2])
     x, y = first[0] + cosine * second[0] - sine * second[1], first[1] + sine * second[0] + cosine * second[1]
-    return x, y, first[2] + second[2]
+    return x, y, _wrapped(first[2] + second[2])
+
+
+@part
+def _wrapped(angle: float) -> float:
+    """Return the same direction within [-pi, pi)."""
+    return angle if -math.pi <= angle < math.pi else (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 @kernel
@@ -246,7 +252,7 @@ def align(
         stride = every if is_last else max(every, len(points) // LEADING_POINTS)
         for _ in range(iterations):
             is_near = abs(x - known[0]) < SAME_PLACE and abs(y - known[1]) < SAME_PLACE
-            if is_last and is_near and abs(theta - known[2]) < SAME_HEADING:
+            if is_last and is_near and abs(_wrapped(theta - known[2])) < SAME_HEADING:
                 return known[0], known[1], known[2], -1.0, 0.0, 0.0
             if moved > near or paired != stride:
                 count, independent = pair_up(surfels, points, normals, stride, span, (x, y, theta), pairs)
@@ -259,7 +265,7 @@ def align(
                     hessian[a, b] *= scale
             _drop_weak_direction(hessian, gradient)
             error[0], error[1] = x - mean[0], y - mean[1]
-            error[2] = (theta - mean[2] + math.pi) % (2.0 * math.pi) - math.pi
+            error[2] = _wrapped(theta - mean[2])
             squared = 0.0
             for a in range(3):
                 step[a] = information[a, 0] * error[0] + information[a, 1] * error[1] + information[a, 2] * error[2]
@@ -275,7 +281,8 @@ def align(
             moved += shift + TYPICAL_RANGE * turn
             if shift < enough * 2e-4 and turn < enough * 2e-5:
                 break
-    return x, y, theta, matched / max(independent, 1e-9), independent * _design_effect(independent, most), squared
+    share, counted = matched / max(independent, 1e-9), independent * _design_effect(independent, most)
+    return x, y, _wrapped(theta), share, counted, squared
 
 
 @part

@@ -24,6 +24,13 @@ def test_a_drive_that_bent_is_straightened_by_its_walls_alone(drive_in, world):
     assert errors(true, adjusted).max() < 0.5 * errors(true, tracked).max()
 
 
+def test_a_heading_means_the_same_after_whole_turns(drive_in):
+    _, tracked, scans = drifting_keyframes(drive_in("office", 40.0, seed=1), 0.001, 0.3)
+    turned = tracked + np.column_stack((np.zeros((len(tracked), 2)), -2.0 * np.pi * (np.arange(len(tracked)) % 3)))
+    first, second = (adjust(poses, [scans], [chain_of(tracked)], [], 2.0, CONFIG) for poses in (tracked, turned))
+    assert errors(first, second).max() < 1e-6
+
+
 def test_an_exact_drive_stays(drive_in):
     true, _, scans = drifting_keyframes(drive_in("office", 40.0, seed=1), 0.0, 0.3)
     assert errors(true, adjust(true, [scans], [chain_of(true)], [], 2.0, CONFIG)).max() < 0.02

@@ -218,12 +218,13 @@ def test_a_search_ends_at_a_known_pose_that_it_comes_to(start):
     assert share == pytest.approx(matched, abs=0.01)
 
 
-def test_placing_a_scan_is_aligning_its_hits():
+@pytest.mark.parametrize(("turn", "heading"), [(0.3, -0.3), (-math.pi, -3.1), (math.pi, 3.1)])
+def test_placing_a_scan_is_aligning_its_hits(turn, heading):
     generator = np.random.default_rng(12)
     surfels = surfels_of(room_walls(generator))
-    mount, deviations = (0.2, -0.1, 0.3), (0.05, 0.03, 0.02)
+    mount, deviations = (0.2, -0.1, turn), (0.05, 0.03, 0.02)
     angles = np.arange(181) * math.radians(2.0) - math.pi + 0.3
-    robot = (-0.1, 0.2, -0.3)
+    robot = (-0.1, 0.2, heading)
     laser = composed(robot, mount)
     ranges = reference.ranges_in_box(laser, angles, 3.0, 2.0)
     beams = float(angles[0]), math.radians(2.0), (0.0, 0.0, 0.0), 40.0
