@@ -4,10 +4,14 @@ A hidden Markov model of two states, right and faulty, with one step for each ke
 t distribution. Faulty odometry has no information, so all reachable poses are equally likely. The forward
 algorithm gives the probability of a fault (L. Rabiner, "A tutorial on hidden Markov models", 1989). So the first
 keyframe of a fault needs much evidence of the scans, and the next ones need little.
+
+After a fault right odometry either goes on from the pose that the scans gave (wheels slipped), or it is again what it
+was before the fault (a reading was wrong, or readings stood still and then jumped). Both are equally likely.
 """
 
 import math
 
+from tbmslam.geometry.se2 import SE2
 from tbmslam.tracking.odometry_noise import Deviations
 from tbmslam.tracking.student_t import FREEDOM, student_cost
 
@@ -30,29 +34,57 @@ class OdometryFault:
 
     def __init__(self) -> None:
         self.probability = _BEGINS
+        self._T_before_now = SE2.identity()
+        self._variances = 0.0, 0.0, 0.0
 
     @property
     def is_suspected(self) -> bool:
         """Whether the odometry was faulty a short time ago."""
         return self.probability > _SUSPECTED
 
-    def cost(self, surprise: float, faulty_cost: float) -> float:
+    def returned(self, T_map_robot: SE2, deviations: Deviations) -> tuple[SE2, Deviations] | None:
+        """Return a pose by the odometry as if the scans had not corrected it during a fault; None without a fault.
+
+        The arguments are the pose by odometry since the last keyframe and its deviations. Those of the returned pose
+        contain the deviations during the fault.
+        """
+        if not self.is_suspected:
+            return None
+        along, across, turn = (math.sqrt(v + d * d) for v, d in zip(self._variances, deviations, strict=True))
+        return self._T_before_now @ T_map_robot, (along, across, turn)
+
+    def cost(self, surprise: float, faulty_cost: float, returned_cost: float = math.inf) -> float:
         """Return the negative log-likelihood of a pose with a squared Mahalanobis distance from the odometry.
 
-        For `faulty_cost`, that of any pose under faulty odometry, see the function of this name.
+        `faulty_cost` is that of any pose under faulty odometry; see the function of this name. `returned_cost` is that
+        of the pose under odometry that is as before the fault, less that of the mean of right odometry.
         """
-        return -math.log(sum(self._likelihoods(surprise, faulty_cost)))
+        return -math.log(sum(self._likelihoods(surprise, faulty_cost, returned_cost)))
 
-    def observe(self, surprise: float, faulty_cost: float) -> None:
+    def observe(self, surprise: float, faulty_cost: float, returned_cost: float = math.inf) -> None:
         """Update the probability with a keyframe; for the arguments see `cost`."""
-        right, faulty = self._likelihoods(surprise, faulty_cost)
+        right, faulty = self._likelihoods(surprise, faulty_cost, returned_cost)
         share = faulty / (right + faulty)
         self.probability = _LASTS * share + _BEGINS * (1.0 - share)
+        if not self.is_suspected:
+            self._T_before_now, self._variances = SE2.identity(), (0.0, 0.0, 0.0)
 
-    def _likelihoods(self, surprise: float, faulty_cost: float) -> tuple[float, float]:
+    def undo(self, T_odometry_scan: SE2, deviations: Deviations) -> None:
+        """Remember how the scan of a keyframe corrected the pose by odometry, if a fault is suspected.
+
+        `T_odometry_scan` is the pose by odometry times the inverse of the pose by the scan, in the map's frame.
+        """
+        if self.is_suspected:
+            self._T_before_now = self._T_before_now @ T_odometry_scan
+            along, across, turn = (v + d * d for v, d in zip(self._variances, deviations, strict=True))
+            self._variances = along, across, turn
+
+    def _likelihoods(self, surprise: float, faulty_cost: float, returned_cost: float) -> tuple[float, float]:
         """Return the likelihoods of both states with their probabilities: right, faulty."""
-        right = (1.0 - self.probability) * math.exp(-student_cost(surprise))
-        return right, self.probability * math.exp(-faulty_cost)
+        right = math.exp(-student_cost(surprise))
+        if returned_cost < math.inf:
+            right = 0.5 * (right + math.exp(-returned_cost))
+        return (1.0 - self.probability) * right, self.probability * math.exp(-faulty_cost)
 
 
 def faulty_cost(right: Deviations, inertia: Deviations) -> float:

@@ -115,6 +115,18 @@ class _PoseBelief(NamedTuple):
         return math.hypot(apart.x, apart.y) < _SAME_START and abs(apart.theta) < _SAME_START
 
 
+class _Returned(NamedTuple):
+    """The laser's pose by odometry that is again as before a fault."""
+
+    belief: _PoseBelief
+    dearer: float
+    """Cost of the mean, less that of the mean of right odometry."""
+
+    def cost(self, pose: SE2) -> float:
+        """Return the negative log-likelihood of a pose, less that of the mean of right odometry."""
+        return self.dearer + student_cost(self.belief.squared_distance(pose))
+
+
 class SurfelTracker:
     """Registers scans on a surfel map."""
 
@@ -133,8 +145,8 @@ class SurfelTracker:
         self._rest, self._in_vain = 0, 1.0
         self._scans_before = RecentScans()
         self._fault = OdometryFault()
-        # Of the last scan, where odometry and scan both place it: the surprise and the cost of faulty odometry.
-        self._surprise: tuple[float, float] | None = None
+        # Of the last scan, where odometry and scan both place it: arguments of `OdometryFault.observe` and `.undo`.
+        self._surprise: tuple[tuple[float, float, float], tuple[SE2, Deviations]] | None = None
         tolerances = np.array(config.tolerances)
         self._search = FREEDOM, config.correlation_length, math.inf, tolerances, config.max_points, config.iterations
         self._narrow = *self._search[:3], tolerances[-1:], *self._search[4:]
@@ -166,11 +178,12 @@ class SurfelTracker:
                 result, _ = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
         is_surprising = result.surprise > _SURPRISING or self._may_be_faulty(prior)
         faulty = math.inf  # Odometry that neither surprises nor is suspected is right.
+        returned = self._returned(prior, T_robot_sensor)
         if is_surprising or result.matched < config.doubtful:
             coasting = prior.coasting()
             if coasting is not None:
                 faulty = faulty_cost(prior.deviations, coasting.deviations)
-            result = self._elsewhere(self._hits_of(scan), prior, coasting, faulty, T_robot_sensor, result)
+            result = self._elsewhere(self._hits_of(scan), prior, coasting, faulty, returned, T_robot_sensor, result)
         is_lost = _is_lost(result) and (between is None or not between.is_likely)
         # Within a loose prior, such as after a gap in the scans, some hits fit by chance.
         is_by_chance = prior.by_odometry and prior.is_loose() and _least_share(result) < _FEW
@@ -182,7 +195,8 @@ class SurfelTracker:
         if result.matched < least or is_by_chance:
             return _unmatched(result, prior, between, T_robot_sensor, is_lost or is_by_chance)
         if prior.by_odometry:
-            self._surprise = result.surprise, faulty
+            costs = result.surprise, faulty, math.inf if returned is None else returned.cost(result.pose)
+            self._surprise = costs, (prior.mean @ T_robot_sensor @ result.pose.inverse(), prior.deviations)
         trust = _LOST_TRUST if is_lost else student_weight(result.surprise, 3)
         return ScanMatch(result.pose, _least_share(result), True, result.hessian, trust, is_lost)
 
@@ -192,6 +206,7 @@ class SurfelTracker:
         prior: PosePrior,
         coasting: Coasting | None,
         faulty: float,
+        returned: _Returned | None,
         T_robot_sensor: SE2,
         result: Registration,
     ) -> Registration:
@@ -209,7 +224,8 @@ class SurfelTracker:
             cost = _STRAY * self._map.strays(hits, pose, _THING, tolerance, outline)
             if inertia is None or not may_be_faulty:
                 return cost + student_cost(surprise)
-            return cost + self._fault.cost(surprise, faulty) + student_cost(inertia.squared_distance(pose))
+            by_odometry = surprise, faulty, math.inf if returned is None else returned.cost(pose)
+            return cost + self._fault.cost(*by_odometry) + student_cost(inertia.squared_distance(pose))
 
         def registered(belief: _PoseBelief, start: SE2, search: Search, known: Registration) -> list[Registration]:
             """Return the registration with a prior; none where it ends at a known one."""
@@ -222,6 +238,8 @@ class SurfelTracker:
         others = registered(predicted, predicted.mean, self._narrow, result) if prior.by_odometry else []
         other = inertia or predicted
         others += registered(other, other.mean, self._search, result)
+        if returned is not None:
+            others += registered(returned.belief, returned.belief.mean, self._search, result)
         least, best = _cheapest([result, *others], cost) if others else (None, result)
         if best.matched >= self._config.doubtful:
             self._rest = 0
@@ -240,6 +258,14 @@ class SurfelTracker:
                 if cost_found < (cost(best) if least is None else least) - _WORTHWHILE:
                     self._rest, self._in_vain, best = 0, 1.0, cheapest
         return best
+
+    def _returned(self, prior: PosePrior, T_robot_sensor: SE2) -> _Returned | None:
+        """Return the pose by odometry that is again as before a fault; None if no fault is suspected."""
+        if not prior.by_odometry or (found := self._fault.returned(prior.mean, prior.deviations)) is None:
+            return None
+        pose, deviations = found
+        dearer = math.log(math.prod(deviations) / math.prod(prior.deviations))
+        return _Returned(_PoseBelief.of(pose, deviations, T_robot_sensor), dearer)
 
     def _outline_of_keyframe(self) -> Outline:
         """Return the outline of the last keyframe."""
@@ -287,7 +313,9 @@ class SurfelTracker:
             self._recent.clear()
             self._travelled = 0.0
         if self._surprise is not None:
-            self._fault.observe(*self._surprise)
+            costs, correction = self._surprise
+            self._fault.observe(*costs)
+            self._fault.undo(*correction)
         hits = self._hits_of(scan)
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))
