@@ -6,7 +6,8 @@ algorithm gives the probability of a fault (L. Rabiner, "A tutorial on hidden Ma
 keyframe of a fault needs much evidence of the scans, and the next ones need little.
 
 After a fault right odometry either goes on from the pose that the scans gave (wheels slipped), or it is again what it
-was before the fault (a reading was wrong, or readings stood still and then jumped). Both are equally likely.
+was before the fault (a reading was wrong, or readings stood still and then jumped). Both are equally likely. Without
+the second, one wrong reading tore a drive through a real exhibition by 85 degrees: an error of 8.3 instead of 0.12 m.
 """
 
 import math

@@ -177,12 +177,12 @@ class SurfelTracker:
                 prior = _by_scans(prior, between, T_robot_sensor)
                 result, _ = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
         is_surprising = result.surprise > _SURPRISING or self._may_be_faulty(prior)
-        faulty = math.inf  # Odometry that neither surprises nor is suspected is right.
-        returned = self._returned(prior, T_robot_sensor)
+        faulty, returned = math.inf, None  # Odometry that neither surprises nor is suspected is right.
         if is_surprising or result.matched < config.doubtful:
             coasting = prior.coasting()
             if coasting is not None:
                 faulty = faulty_cost(prior.deviations, coasting.deviations)
+            returned = self._returned(prior, T_robot_sensor)
             result = self._elsewhere(self._hits_of(scan), prior, coasting, faulty, returned, T_robot_sensor, result)
         is_lost = _is_lost(result) and (between is None or not between.is_likely)
         # Within a loose prior, such as after a gap in the scans, some hits fit by chance.

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from tbmslam.geometry.se2 import SE2
 from tbmslam.tracking.odometry_fault import OdometryFault, faulty_cost
 from tbmslam.tracking.student_t import FREEDOM, student_cost
 
@@ -15,6 +16,7 @@ _PLAUSIBLE, _IMPOSSIBLE = 1.0, 1000.0
 """Squared Mahalanobis distances of right odometry, and of odometry that reports the opposite direction."""
 _FAULTY = 5.0
 """Cost of a pose under faulty odometry."""
+_DEVIATIONS = (0.02, 0.02, 0.01)
 
 
 def test_a_new_drive_trusts_its_odometry() -> None:
@@ -43,6 +45,32 @@ def test_faulty_odometry_costs_what_its_volume_says() -> None:
     density = stats.multivariate_t(shape=np.diag(np.square(right)), df=FREEDOM).pdf([0.0, 0.0, 0.0])
     volume = 4.0 / 3.0 * math.pi * math.prod(inertia)
     assert faulty_cost(right, inertia) == pytest.approx(math.log(density * volume))
+
+
+def test_the_odometry_before_a_fault_is_remembered_until_it_ends() -> None:
+    fault, pose = OdometryFault(), SE2(3.0, 1.0, 0.5)
+    fault.undo(SE2(0.3, 0.1, 0.2), _DEVIATIONS)
+    assert fault.returned(pose, _DEVIATIONS) is None  # without a fault every correction counts
+    by_odometry, by_scans = (SE2(1.0, 0.0, 1.0), SE2(2.2, 0.5, -1.0)), (SE2(0.5, 0.2, 0.3), SE2(1.5, 0.7, 0.1))
+    anchor = SE2.identity()  # the odometry's frame in the map
+    for odometry, scan in zip(by_odometry, by_scans, strict=True):
+        fault.observe(_IMPOSSIBLE, _FAULTY)
+        fault.undo(anchor @ odometry @ scan.inverse(), _DEVIATIONS)
+        anchor = scan @ odometry.inverse()
+    found = fault.returned(anchor @ pose, _DEVIATIONS)
+    assert found is not None
+    assert found[0] == pytest.approx(pose)
+    assert found[1] == pytest.approx([math.sqrt(3.0) * d for d in _DEVIATIONS])
+    fault.observe(_PLAUSIBLE, _FAULTY)
+    assert fault.returned(pose, _DEVIATIONS) is None
+
+
+def test_odometry_that_is_again_as_before_a_fault_is_right() -> None:
+    fault = OdometryFault()
+    fault.observe(_IMPOSSIBLE, _FAULTY)
+    assert fault.cost(_IMPOSSIBLE, _FAULTY, 0.5) < fault.cost(_IMPOSSIBLE, _FAULTY)
+    fault.observe(_IMPOSSIBLE, _FAULTY, 0.5)
+    assert not fault.is_suspected
 
 
 def test_right_odometry_is_trusted_again_after_a_keyframe() -> None:
