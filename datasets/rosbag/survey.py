@@ -19,7 +19,8 @@ _DIRECTIONS = 90
 # second scan. Scans of two robots, or of two lasers of a robot, differed by 25 and 41 %, and 20 to 30 times as much.
 _UNLIKE = 0.1
 _TIMES_AS_UNLIKE = 4.0
-_SWEEP_SLACK = 1.1  # stamps jitter
+_SWEEP_SLACK = 1.1  # the speed of motors varies, and so do the stamps at both ends
+_PAUSE = 4.0  # mean steps from which a step is a pause; no step of 15 Neatos was longer than 3.1
 
 
 @dataclass
@@ -62,7 +63,10 @@ class SurveyedLaser:
         """
         steps = np.diff(self.stamps)
         steps = steps[steps > 0.0]
-        return _SWEEP_SLACK * float(np.median(steps)) if len(steps) else math.inf
+        # The mean, since the stamps of some lasers come in pairs, and their median is far from the period.
+        while len(steps) and (is_pause := steps > _PAUSE * steps.mean()).any():
+            steps = steps[~is_pause]
+        return _SWEEP_SLACK * float(steps.mean()) if len(steps) else math.inf
 
     def alternates(self) -> bool:
         """Return whether the scans of two lasers or robots alternate on the topic.

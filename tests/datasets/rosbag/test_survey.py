@@ -30,6 +30,13 @@ def test_a_scan_takes_no_longer_than_the_next_is_away():
     assert at([1.0]).laser.longest_sweep() == math.inf
 
 
+def test_stamps_that_come_in_pairs_leave_the_period_known():
+    """A Neato turns five times a second; its scans are stamped when they arrive, mostly after 0.15 s, then 0.3 s."""
+    steps = [0.15, 0.15, 0.3] * 12
+    assert at(np.cumsum([0.0, *steps])).laser.longest_sweep() == pytest.approx(0.22)
+    assert at(np.cumsum([0.0, *steps, 160.0, *steps])).laser.longest_sweep() == pytest.approx(0.22)
+
+
 def test_an_unset_stamp_gives_no_lag():
     survey = at([math.nan, 1.0])
     survey.add_pose("base_link", math.nan)
