@@ -14,6 +14,7 @@ from tbmslam.monitoring.odometry_check import (
     OdometryCheckConfig,
     agreeing_share,
 )
+from tbmslam.report.repeated_warnings import gathered
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe
 from tbmslam.tracking.tracker import PosePrior, ScanMatch
@@ -102,12 +103,13 @@ class DriveMonitor:
                 self.whole_drive_warnings.add(warning.subject)
 
     def log(self, name: str, start: float) -> None:
-        """Log the incidents under the robot's name, with the time since a stamp [s]."""
-        for number, incident in enumerate(self.incidents):
-            if number == _SAID_AT_MOST:
-                logger.warning("%s: and %d more", name, self.incidents.number - number)
-                return
-            logger.warning("%s: %s", name, incident.text(start))
+        """Log the incidents under the robot's name, equal ones as one line, with their times since a stamp [s]."""
+        lines = gathered(incident.text(start) for incident in self.incidents)
+        for line in lines[:_SAID_AT_MOST]:
+            logger.warning("%s: %s", name, line)
+        more = max(len(lines) - _SAID_AT_MOST, 0) + self.incidents.number - len(self.incidents)
+        if more:
+            logger.warning("%s: and %d more", name, more)
 
     def _shows_another_place(self, scan: LaserScan, T_map_sensor: SE2) -> bool:
         """Return whether a scan contradicts the previous one; else it shows unexplored space."""

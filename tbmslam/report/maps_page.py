@@ -1,6 +1,5 @@
 """The report of the maps of several robots, each in its own frame."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -8,6 +7,7 @@ from tbmslam.map.drive import Drive
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.report.map_layers import ROBOT_COLOURS, drive_layers, incident_layer, map_layers
 from tbmslam.report.page import Page, RunInfo, Table
+from tbmslam.report.repeated_warnings import gathered
 from tbmslam.report.sheet import Sheet, drive_tracks
 
 _MOST_NAMES = 5  # number of robots that are named in a warning of several robots
@@ -21,30 +21,9 @@ def joined_warnings(warnings: Mapping[str, Iterable[str]]) -> list[str]:
     """
     names_of: dict[str, list[str]] = {}
     for name, of_robot in warnings.items():
-        for warning in _gathered(dict.fromkeys(of_robot)):
+        for warning in gathered(dict.fromkeys(of_robot)):
             names_of.setdefault(warning, []).append(name)
     return [f"{_listed(names)}: {warning}" for warning, names in names_of.items()]
-
-
-_TIMED, _LASTS = re.compile(r"at ([\d.]+) s: (.*)"), re.compile(r", for [\d.]+ s")
-_MOST_TIMES = 5
-
-
-def _gathered(warnings: Iterable[str]) -> list[str]:
-    """Return warnings, where warnings that differ in their time only are joined."""
-    times: dict[str, list[tuple[str, str]]] = {}
-    for warning in warnings:
-        timed = _TIMED.fullmatch(warning)
-        what, at = (_LASTS.sub("", timed[2]), timed[1]) if timed else (warning, "")
-        times.setdefault(what, []).append((at, warning))
-    gathered = []
-    for what, found in times.items():
-        if len(found) == 1:
-            gathered.append(found[0][1])
-            continue
-        more = f" and {len(found) - _MOST_TIMES} more times" if len(found) > _MOST_TIMES else ""
-        gathered.append(f"at {', '.join(at for at, _ in found[:_MOST_TIMES])} s{more}: {what}")
-    return gathered
 
 
 def _listed(names: list[str]) -> str:

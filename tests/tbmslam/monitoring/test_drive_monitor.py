@@ -136,6 +136,23 @@ def test_many_incidents_are_not_all_listed(robot, caplog):
     assert caplog.messages[-1] == "robot_7: and 10 more"
 
 
+def test_what_happens_again_and_again_is_one_line(robot, caplog):
+    slam = Slam(name="robot_7")
+    for number in range(120):
+        slam.incidents.add(100.0 * number, "odometry and scans disagree", 2.0)
+    slam.incidents.add(50.0, "the odometry jumps")
+    slam.process(robot.readings[0])
+    start = slam.start_stamp
+    with caplog.at_level(logging.WARNING):
+        slam.finish()
+    times = ", ".join(f"{100.0 * number - start:.1f}" for number in range(5))
+    assert caplog.messages == [
+        f"robot_7: at {times} s and 95 more times: odometry and scans disagree",
+        "robot_7: and 21 more",
+    ]
+    assert len(slam.incidents) == 100  # which the report shows on the map
+
+
 def test_odometry_in_a_bag_that_stops_for_a_while(robot):
     stamps = robot.truth.stamps
     odometry = poses_at(robot.odometry, stamps)
