@@ -1,5 +1,6 @@
 """Choice of the topics of a bag."""
 
+import logging
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -9,7 +10,10 @@ from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
 from datasets.rosbag.files import BagFiles, Topic
 from datasets.rosbag.messages import CLOUD_TYPE, ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES
+from datasets.rosbag.republished import republished
 from tbmslam.geometry.se2 import SE2
+
+logger = logging.getLogger(__name__)
 
 
 def of_same_robot(names: Sequence[str], scan: str, other_scans: Sequence[str]) -> list[str]:
@@ -94,6 +98,9 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
     filled = [topic for topic in scans if topic.messages]
     if len(filled) == 1:
         return filled[0].name
+    if filled and (same := republished(files, [topic.name for topic in filled])):
+        logger.warning("%s: %s", files.paths[0], same.text())
+        return same.best
     if filled:
         listed = ", ".join(f"{topic.name} ({in_number(topic.messages, 'scan', 'scans')})" for topic in filled)
         kind = scans[0].msgtype.rsplit("/", 1)[-1]
