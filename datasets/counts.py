@@ -90,6 +90,9 @@ class ReadingCounts:
     pauses: list[tuple[float, float]] = field(default_factory=list)
     """Stamp of the scan before each gap, and length of the gap [s]."""
 
+    any_finite: bool = False
+    """Whether any recorded range of these beams is finite, within the limits or not."""
+
     def drop(self, reason: str) -> None:
         """Count a scan that is left out."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
@@ -139,11 +142,11 @@ class ReadingCounts:
             setattr(self, name, dict(value) if isinstance(value, dict) else value)
 
     def as_dict(self) -> dict[str, object]:
-        """Return all counts for JSON in a fixed order, without incidents and pauses."""
+        """Return all counts for JSON in a fixed order, without incidents, pauses and flags."""
         return {
             name: dict(sorted(value.items())) if isinstance(value, dict) else value
             for name, value in vars(self).items()
-            if name not in ("incidents", "pauses")
+            if name not in ("incidents", "pauses", "any_finite")
         }
 
     def anomalies(self) -> list[str]:

@@ -148,6 +148,7 @@ class ScanIntake:
         clean = self.cleaned([raw])[0] if clean is None else clean
         for fate, number in zip(FATES, clean.beams, strict=True):
             self._counts.add_beams(fate, number)
+        self._counts.any_finite = self._counts.any_finite or bool(np.isfinite(raw.ranges).any())
         if clean.farthest_m >= self._counts.farthest_m:
             self._counts.add_farthest(clean.farthest_m, raw.ranges)
         if clean.says_nothing:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from datasets import ReadingCounts, Recording, RecordingOptions, open_recording
-from datasets.counts import Span
+from datasets.counts import SCANS, Span, in_number
 from datasets.recording import cached, read_ahead, recording_warnings
 from tbmslam.errors import TbmSlamError
 from tbmslam.geometry.se2 import SE2
@@ -138,8 +138,9 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     if task.counts is not None:
         recording.counts.replace_by(task.counts)
     span = None if segment is None else _span(segment, recording.counts.scans_used, first, last)
+    _check_seen(recording, scans, recording.counts.beams.get("hit", 0) > 0)
     tbm_map = slam.finish()
-    _check_seen(recording, tbm_map, scans)
+    _check_seen(recording, scans, bool(tbm_map.grid.is_known().any()))
     # Errors of the laser are known only at the end.
     run = valid_json(_run_record(task, recording) | _noted(recording, span, slam))
     tbm_map = dataclasses.replace(tbm_map, provenance=dict(run))
@@ -165,16 +166,21 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     return Mapped(run, whose + recording.counts.summary(), time.perf_counter() - began, tbm_map)
 
 
-def _check_seen(recording: Recording, tbm_map: TbmMap, scans: int) -> None:
-    if tbm_map.grid.is_known().any():
+def _check_seen(recording: Recording, scans: int, is_seen: bool) -> None:
+    """Refuse a number of scans that show nothing."""
+    if is_seen:
         return
-    beams = recording.counts.beams
-    total = sum(beams.values())
-    fates = ", ".join(f"{number / total:.0%} {fate}" for fate, number in sorted(beams.items()))
+    counts = recording.counts
+    if not counts.any_finite:
+        raise EmptyMapError(
+            f"{recording.name}: no beam of {in_number(scans, *SCANS)} has a finite range: check the laser and its "
+            "driver, or choose another --scan-topic"
+        )
+    total = sum(counts.beams.values())
+    fates = ", ".join(f"{number / total:.0%} {fate}" for fate, number in sorted(counts.beams.items()))
     raise EmptyMapError(
         f"{recording.name}: nothing was measured in {scans} scans (beams: {fates}): check --range-max and "
-        f"--range-min, or "
-        "choose another --scan-topic"
+        "--range-min, or choose another --scan-topic"
     )
 
 

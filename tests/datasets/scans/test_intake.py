@@ -92,6 +92,15 @@ def test_nothing_in_range_is_information():
     assert counts.dropped == {}
 
 
+@pytest.mark.parametrize(
+    ("ranges", "any_finite"), [([np.inf, np.nan], False), ([np.inf, 500.0], True), ([0.0, 0.0], True), ([], False)]
+)
+def test_it_is_known_whether_any_range_is_finite(ranges, any_finite):
+    _, counts = take(raw(1.0, ranges), raw(1.1, [np.inf, np.inf]))
+    assert counts.any_finite is any_finite
+    assert "any_finite" not in counts.as_dict()
+
+
 def test_memory_of_stamps_is_bounded():
     counts = ReadingCounts()
     intake = ScanIntake(RangeRules(None, None, (), "free"), None, 2.0, counts)

@@ -1,5 +1,6 @@
 """What `build_maps` refuses: one line, and an exit code that says whose fault it is."""
 
+import math
 import os
 import re
 
@@ -10,6 +11,7 @@ from tbmslam.configuration.slam_config import ConfigError
 from tbmslam.errors import TbmSlamError
 from tbmslam.io.trajectory_file import TumError
 from tbmslam.sensing.segmentation import SegmentationError
+from tests.datasets.conftest import BagScript
 from tests.tools.build_maps.built_maps import run
 from tools.mapping.run import OutputError
 
@@ -138,6 +140,19 @@ def test_a_file_in_the_place_of_a_robot_is_kept(bag, tmp_path, capsys):
     assert run(bag, "-o", tmp_path) == 1
     assert re.fullmatch(r"build_maps: \S+robot_0\S*: .*Not a directory.*\n", capsys.readouterr().err)
     assert (tmp_path / "robot_0").read_text() == "precious"
+
+
+def test_a_laser_that_measures_nothing_is_one_line(tmp_path, capsys):
+    script = BagScript().tf(100.0, "base_link", "laser", bag_time=99.0).drive(100.0, 108.0)
+    for k in range(60):
+        script.scan(100.5 + 0.1 * k, [math.inf] * (20 + k % 2))
+    assert run(script.in_time_order().write(tmp_path / "blind.bag"), "-o", tmp_path / "out", "--odometry", "none") == 1
+    said = capsys.readouterr().err
+    assert "longer range" not in said
+    assert said.splitlines()[-1] == (
+        "build_maps: blind: no beam of 60 scans has a finite range: check the laser and its driver, or choose another "
+        "--scan-topic"
+    )
 
 
 def test_scans_that_show_nothing_are_one_line(bag, tmp_path, capsys):
