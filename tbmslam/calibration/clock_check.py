@@ -1,6 +1,6 @@
 """A check of the clocks: how much older the odometry is than the scan with which it is combined."""
 
-from tbmslam.calibration.hand_eye import SensorPlace
+from tbmslam.calibration.hand_eye import Lag, SensorPlace
 
 _LAG = 0.12
 """Lag that causes a warning [s]. The hand-eye calibration finds -0.10 to 0.04 s in mit-csail, aces, intel and
@@ -9,14 +9,17 @@ _SURE = 4.0
 """A lag is reported only if this many of its standard deviations are below that limit."""
 
 
-def clock_warning(place: SensorPlace, offset: float) -> str | None:
+def clock_warning(place: SensorPlace, turned: Lag | None, offset: float) -> str | None:
     """Return a warning if the odometry is older or newer than the scans, else None.
 
-    `offset` is the time that was added to the stamps of the scans before odometry was looked up [s].
+    `turned` is the lag by rotations alone. It is used if it is known, since the lag of `place` falls short where late
+    odometry displaced the scans. `offset` is the time that was added to the stamps of the scans before odometry was
+    looked up [s].
     """
-    if abs(place.lag) < _LAG or _SURE * place.lag_deviation > _LAG:
+    lag = place.lag if turned is None or turned.deviation > _LAG else turned.seconds
+    if min(abs(place.lag), abs(lag)) < _LAG or _SURE * place.lag_deviation > _LAG:
         return None
     return (
-        f"the odometry is {abs(place.lag):.2f} s {'older' if place.lag > 0.0 else 'newer'} than the scans: "
-        f"try --clock-offset {offset + place.lag:.2f}"
+        f"the odometry is {abs(lag):.2f} s {'older' if lag > 0.0 else 'newer'} than the scans: "
+        f"try --clock-offset {offset + lag:.2f}"
     )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tbmslam.calibration.clock_check import clock_warning
-from tbmslam.calibration.hand_eye import motions_of, sensor_place
+from tbmslam.calibration.hand_eye import motions_of, sensor_place, turn_lag
 from tbmslam.calibration.mount_check import MountChange, MountCheckConfig, mount_changes, mount_warning
 from tbmslam.geometry.se2 import FloatArray, path_lengths
 from tbmslam.geometry.trajectory import Trajectory, elapsed_times
@@ -194,8 +194,10 @@ class DriveReview:
         text = mount_warning(keyframes, motions, place, self._mount)
         found = [EndWarning("mount", text)] if text else []
         # A wrong mount explains part of the lag.
-        if place is not None and not found and (late := clock_warning(place, self._corrections.clock_offset)):
-            found.append(EndWarning("clock", late))
+        if place is not None and not found:
+            turned = turn_lag(keyframes.stamps, odometry_poses, sensors, self._mount.parts)
+            if late := clock_warning(place, turned, self._corrections.clock_offset):
+                found.append(EndWarning("clock", late))
         return found
 
     def _change_warning(

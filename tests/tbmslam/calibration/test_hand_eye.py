@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.calibration.hand_eye import deviations_of_parts, motions_of, sensor_place
+from tbmslam.calibration.hand_eye import deviations_of_parts, motions_of, sensor_place, turn_lag
 from tbmslam.geometry.se2 import SE2, compose
 
 PLACE = SE2(0.3, -0.1, 0.4)
@@ -68,6 +68,41 @@ def test_a_clock_that_lags_is_no_wrong_place(drive, generator):
     assert place.pose == pytest.approx(PLACE, abs=0.04)
     assert place.lag == pytest.approx(0.3, abs=0.04)
     assert abs(place.lag - 0.3) < 4.0 * place.lag_deviation < 0.12
+
+
+def late_odometry(drive, generator, lag, beside=0.0):
+    """Return stamps, odometry that is older by a lag, and the laser; poses by scans lie between true ones and late."""
+    stamps, poses, _, _ = drive
+    poses = np.column_stack((poses[:, :2], np.unwrap(poses[:, 2])))
+    old = np.column_stack([np.interp(stamps - lag, stamps, column) for column in poses.T])
+    placed = poses + beside * (old - poses) * [1.0, 1.0, 0.0]
+    return stamps, old, seen_from(placed, generator)
+
+
+@pytest.mark.parametrize("lag", [-0.6, -0.3, 0.0, 0.1, 0.3, 0.6])
+def test_the_lag_is_found_from_rotations(drive, generator, lag):
+    """Even if late odometry displaces the scans, or fails for a while, or if the mount is unknown."""
+    stamps, odometry, sensors = late_odometry(drive, generator, lag, beside=0.5)
+    odometry[100:110] = math.nan
+    found = turn_lag(stamps, odometry, sensors, 6)
+    assert found.seconds == pytest.approx(lag, abs=0.02)
+    assert found.deviation < 0.03
+    place = sensor_place(motions_of(stamps, odometry, sensors), 6, 8)
+    assert abs(found.seconds - lag) <= abs(place.lag - lag) + 0.01
+
+
+def test_clocks_that_stand_or_step_back_leave_the_first_estimate(drive, generator):
+    stamps, odometry, sensors = late_odometry(drive, generator, 0.2)
+    stamps = np.where(np.arange(STEPS) < 200, stamps, stamps - 30.0)
+    assert turn_lag(stamps, odometry, sensors, 6).seconds == pytest.approx(0.2, abs=0.06)
+    assert turn_lag(np.zeros(STEPS), odometry, sensors, 6).deviation > 0.12
+
+
+def test_rotations_that_do_not_change_tell_no_lag(generator):
+    poses = np.column_stack((0.1 * np.arange(STEPS), np.zeros(STEPS), np.zeros(STEPS)))
+    assert turn_lag(0.2 * np.arange(STEPS), poses, seen_from(poses, generator), 6).deviation > 0.12
+    assert turn_lag(np.arange(3.0), poses[:3], poses[:3], 6) is None
+    assert turn_lag(np.arange(3.0), np.full((3, 3), math.nan), poses[:3], 6) is None
 
 
 def test_where_the_robot_never_turns_the_place_is_open_but_not_its_turn(generator):
