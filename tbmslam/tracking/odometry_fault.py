@@ -7,7 +7,8 @@ keyframe of a fault needs much evidence of the scans, and the next ones need lit
 
 After a fault right odometry either goes on from the pose that the scans gave (wheels slipped), or it is again what it
 was before the fault (a reading was wrong, or readings stood still and then jumped). Both are equally likely. Without
-the second, one wrong reading tore a drive through a real exhibition by 85 degrees: an error of 8.3 instead of 0.12 m.
+the second hypothesis, one wrong reading tore a drive through a real exhibition by 85 degrees. Its error was 8.3 m
+instead of 0.12 m.
 """
 
 import math
@@ -35,7 +36,7 @@ class OdometryFault:
 
     def __init__(self) -> None:
         self.probability = _BEGINS
-        self._T_before_now = SE2.identity()
+        self._T_before_now: SE2 | None = None
         self._variances = 0.0, 0.0, 0.0
 
     @property
@@ -49,7 +50,7 @@ class OdometryFault:
         The arguments are the pose by odometry since the last keyframe and its deviations. Those of the returned pose
         contain the deviations during the fault.
         """
-        if not self.is_suspected:
+        if not self.is_suspected or self._T_before_now is None:
             return None
         along, across, turn = (math.sqrt(v + d * d) for v, d in zip(self._variances, deviations, strict=True))
         return self._T_before_now @ T_map_robot, (along, across, turn)
@@ -58,7 +59,7 @@ class OdometryFault:
         """Return the negative log-likelihood of a pose with a squared Mahalanobis distance from the odometry.
 
         `faulty_cost` is that of any pose under faulty odometry; see the function of this name. `returned_cost` is that
-        of the pose under odometry that is as before the fault, less that of the mean of right odometry.
+        of the pose if the odometry is again as before the fault. The cost of the mean of right odometry is subtracted.
         """
         return -math.log(sum(self._likelihoods(surprise, faulty_cost, returned_cost)))
 
@@ -68,17 +69,21 @@ class OdometryFault:
         share = faulty / (right + faulty)
         self.probability = _LASTS * share + _BEGINS * (1.0 - share)
         if not self.is_suspected:
-            self._T_before_now, self._variances = SE2.identity(), (0.0, 0.0, 0.0)
+            self.forget()
 
-    def undo(self, T_odometry_scan: SE2, deviations: Deviations) -> None:
+    def remember(self, T_odometry_scan: SE2, deviations: Deviations) -> None:
         """Remember how the scan of a keyframe corrected the pose by odometry, if a fault is suspected.
 
         `T_odometry_scan` is the pose by odometry times the inverse of the pose by the scan, in the map's frame.
         """
         if self.is_suspected:
-            self._T_before_now = self._T_before_now @ T_odometry_scan
+            self._T_before_now = (self._T_before_now or SE2.identity()) @ T_odometry_scan
             along, across, turn = (v + d * d for v, d in zip(self._variances, deviations, strict=True))
             self._variances = along, across, turn
+
+    def forget(self) -> None:
+        """Forget the odometry before the fault, since its motion began anew."""
+        self._T_before_now, self._variances = None, (0.0, 0.0, 0.0)
 
     def _likelihoods(self, surprise: float, faulty_cost: float, returned_cost: float) -> tuple[float, float]:
         """Return the likelihoods of both states with their probabilities: right, faulty."""

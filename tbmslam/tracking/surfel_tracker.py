@@ -145,7 +145,7 @@ class SurfelTracker:
         self._rest, self._in_vain = 0, 1.0
         self._scans_before = RecentScans()
         self._fault = OdometryFault()
-        # Of the last scan, where odometry and scan both place it: arguments of `OdometryFault.observe` and `.undo`.
+        # Of the last scan, where odometry and scan both place it: arguments of `OdometryFault.observe` and `remember`.
         self._surprise: tuple[tuple[float, float, float], tuple[SE2, Deviations]] | None = None
         tolerances = np.array(config.tolerances)
         self._search = FREEDOM, config.correlation_length, math.inf, tolerances, config.max_points, config.iterations
@@ -170,6 +170,8 @@ class SurfelTracker:
         hits = np.empty((2, len(scan.ranges), 2))
         result, count = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
         self._seen = scan, hits, count
+        if not prior.by_odometry:
+            self._fault.forget()
         if not prior.by_odometry and result.matched < config.doubtful:
             guess = prior.mean @ T_robot_sensor
             between = self._scans_before.place(scan.stamp, self._hits_of(scan).points, guess)
@@ -222,10 +224,10 @@ class SurfelTracker:
             pose, surprise = registration.pose, registration.surprise
             tolerance, outline = self._config.tolerances[-1], self._outline_of_keyframe()
             cost = _STRAY * self._map.strays(hits, pose, _THING, tolerance, outline)
-            if inertia is None or not may_be_faulty:
+            if not may_be_faulty or (inertia is None and returned is None):
                 return cost + student_cost(surprise)
-            by_odometry = surprise, faulty, math.inf if returned is None else returned.cost(pose)
-            return cost + self._fault.cost(*by_odometry) + student_cost(inertia.squared_distance(pose))
+            cost += self._fault.cost(surprise, faulty, math.inf if returned is None else returned.cost(pose))
+            return cost if inertia is None else cost + student_cost(inertia.squared_distance(pose))
 
         def registered(belief: _PoseBelief, start: SE2, search: Search, known: Registration) -> list[Registration]:
             """Return the registration with a prior; none where it ends at a known one."""
@@ -315,7 +317,7 @@ class SurfelTracker:
         if self._surprise is not None:
             costs, correction = self._surprise
             self._fault.observe(*costs)
-            self._fault.undo(*correction)
+            self._fault.remember(*correction)
         hits = self._hits_of(scan)
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))

@@ -231,8 +231,9 @@ def test_a_lost_scan_does_not_overrule_odometry(tracker, known, overrules):
     np.testing.assert_allclose(match.T_map_sensor, elsewhere if overrules else SE2.identity(), atol=0.02)
 
 
+@pytest.mark.parametrize("inertia", [Coasting(SE2(0.1, 0.0, 0.0), (0.5, 0.5, 4.0)), None])
 @pytest.mark.parametrize("turn", [1.4, -1.4])
-def test_one_wrong_reading_of_the_odometry_does_not_shift_what_follows(tracker, turn):
+def test_one_wrong_reading_of_the_odometry_does_not_shift_what_follows(tracker, turn, inertia):
     """The robot turns between two scans, and the odometry of the first scan contains that turn already."""
     wrong, after = SE2(0.1, 0.0, turn), SE2(0.2, 0.1, turn)
     first = room_scan(SE2(0.1, 0.0, 0.0), 1.0)
@@ -240,10 +241,17 @@ def test_one_wrong_reading_of_the_odometry_does_not_shift_what_follows(tracker, 
     assert match.T_map_sensor.theta == pytest.approx(0.0, abs=0.01)
     tracker.learn(first, match)
     by_odometry = match.T_map_sensor @ wrong.to(after)  # which began again at the first scan
-    inertia = Coasting(match.T_map_sensor, (0.5, 0.5, 4.0))
     prior = prior_at(by_odometry)._replace(coasting=lambda: inertia)
     found = tracker.match(room_scan(after, 2.0), prior, SE2.identity())
     np.testing.assert_allclose(found.T_map_sensor, after, atol=0.01)
+
+
+def test_odometry_that_began_anew_does_not_return(tracker):
+    tracker._fault.probability = 0.9
+    tracker._fault.remember(SE2(0.0, 0.0, 0.5), DEVIATIONS)
+    by_inertia = prior_at(SE2.identity())._replace(by_odometry=False)
+    tracker.match(room_scan(SE2.identity(), 1.0), by_inertia, SE2.identity())
+    assert tracker._fault.returned(SE2.identity(), DEVIATIONS) is None
 
 
 def test_surprising_priors_are_rare():
