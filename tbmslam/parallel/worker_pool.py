@@ -77,6 +77,10 @@ class WorkerDiedError(TbmSlamError):
     def __init__(self) -> None:
         super().__init__("a worker process died, perhaps out of memory: run again with fewer processes")
 
+    def __reduce__(self) -> tuple[type[Self], tuple[()]]:
+        """Pickle the error without its message, which `__init__` does not take."""
+        return type(self), ()
+
 
 class WorkerPool(ProcessPoolExecutor):
     """Processes that ignore Ctrl-C: the process that started them receives it and stops them."""

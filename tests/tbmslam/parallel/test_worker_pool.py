@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -193,6 +194,12 @@ def test_more_workers_than_windows_can_wait_for_are_not_started(monkeypatch):
 def test_a_dead_process_is_reported_in_one_line():
     with pytest.raises(WorkerDiedError, match=r"a worker process died, .*fewer processes"), worker_pool(1) as pool:
         pool.submit(os._exit, 3).result()
+
+
+def test_a_dead_process_of_a_worker_is_reported_by_the_worker():
+    error = pickle.loads(pickle.dumps(WorkerDiedError()))  # noqa: S301 - as a worker does
+    assert isinstance(error, WorkerDiedError)
+    assert str(error) == str(WorkerDiedError())
 
 
 def test_what_fails_does_not_wait_for_the_rest():
