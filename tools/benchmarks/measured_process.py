@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+from tbmslam.errors import TbmSlamError
 from tbmslam.parallel.worker_pool import worker_pool
 
 _P = ParamSpec("_P")
@@ -14,9 +15,17 @@ _R = TypeVar("_R")
 
 
 def in_fresh_process(call: Callable[_P, _R], *args: _P.args, **keywords: _P.kwargs) -> _R:
-    """Return the result of a module's function, called in a new Python process; arguments and result are pickled."""
-    with worker_pool(1) as pool:
-        return pool.result(pool.submit(call, *args, **keywords))
+    """Return the result of a module's function, called in a new Python process; arguments and result are pickled.
+
+    Any error but a `MemoryError` becomes a `TbmSlamError`, so that a long benchmark can report it and go on.
+    """
+    try:
+        with worker_pool(1) as pool:
+            return pool.result(pool.submit(call, *args, **keywords))
+    except (TbmSlamError, MemoryError):
+        raise
+    except Exception as error:
+        raise TbmSlamError(f"{type(error).__name__}: {error}") from error
 
 
 def peak_memory_mb() -> float:

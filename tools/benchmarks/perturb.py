@@ -172,10 +172,8 @@ def errors_of(spec: RecordingSpec, perturbation: Perturbation) -> DriveErrors:
     """Return the errors of `run_perturbed` in a process of its own, whose end does not stop other runs."""
     try:
         return in_fresh_process(run_perturbed, spec, perturbation)
-    except TbmSlamError:
-        raise
-    except Exception as error:
-        raise TbmSlamError(f"{type(error).__name__}: {error}") from error
+    except MemoryError as error:
+        raise TbmSlamError("memory has run out") from error
 
 
 def run_perturbed(spec: RecordingSpec, perturbation: Perturbation) -> DriveErrors:

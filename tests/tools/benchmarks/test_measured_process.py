@@ -42,6 +42,17 @@ def test_a_known_error_keeps_its_line(tmp_path):
         in_fresh_process(read_relations, tmp_path / "none.relations")
 
 
+def test_an_unknown_error_is_one_line_with_its_kind():
+    with pytest.raises(TbmSlamError, match=r"^ZeroDivisionError: [^\n]+$") as caught:
+        in_fresh_process(divmod, 1, 0)
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+
+
+def test_a_lack_of_memory_stays_one():
+    with pytest.raises(MemoryError):
+        in_fresh_process(bytearray, 1 << 62)
+
+
 def test_a_dead_process_is_reported():
     with pytest.raises(WorkerDiedError, match="perhaps out of memory: run again with fewer processes"):
         in_fresh_process(os._exit, 9)

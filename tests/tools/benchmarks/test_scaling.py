@@ -26,6 +26,21 @@ def test_scaling(tmp_path, capsys):
     assert capsys.readouterr().out.startswith("| route ")
 
 
+def broken(preset_name, route, *_):
+    raise KeyError(route)
+
+
+def test_a_drive_that_fails_is_a_row_and_the_others_go_on(monkeypatch, capsys):
+    monkeypatch.setattr("tools.benchmarks.scaling.run_scaling", broken)
+    assert main(["scaling", "--lengths", "20", "--preset", "viny"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "round viny 20 m: KeyError: 'round'" in lines
+    assert "spiral viny 20 m: KeyError: 'spiral'" in lines
+    assert main(["limits", "--share", "0.005"]) == 0
+    rows = capsys.readouterr().out.splitlines()[2 : 2 + len(LIMITS)]
+    assert [row.split("|")[-2].strip() for row in rows] == ["no: KeyError: 'round'", "no: KeyError: 'spiral'"]
+
+
 @pytest.mark.slow
 def test_a_little_of_every_limit_is_driven(tmp_path, capsys):
     figures = tmp_path / "figures.json"
