@@ -19,7 +19,7 @@ from typing import Any
 from tbmslam.errors import TbmSlamError
 from tools import benchmarks
 from tools.build_maps import MOST_ROBOTS
-from tools.command_line.options import comma_separated, number_within
+from tools.command_line.options import add_plot_option, check_plot, comma_separated, number_within
 from tools.command_line.paths import check_exist, path_argument
 from tools.command_line.program import ProgramParser, run_program
 from tools.merge import METHODS
@@ -168,7 +168,7 @@ def _add_fleet(fleet: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     fleet.add_argument("--workers", type=_COUNT, default=1, metavar="N", help="processes; the result is equal (1)")
     fleet.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler whose workers align the pairs")
-    fleet.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the first fleet here")
+    add_plot_option(fleet, "the first fleet")
 
 
 def _add_limits(limits: argparse.ArgumentParser) -> None:
@@ -233,6 +233,7 @@ def main(argv: list[str] | None = None, program: str = "benchmark") -> int:
 def _run(args: argparse.Namespace) -> None:
     from tools.command_line.measurement_record import describe_machine
 
+    check_plot(getattr(args, "plot", None))
     recordings = getattr(args, "recordings", ())
     check_exist(spec.path for spec in recordings)
     names = Counter(spec.name for spec in recordings)

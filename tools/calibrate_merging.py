@@ -16,7 +16,7 @@ from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair, meeting
 from tools.calibration.calibration_report import BINS, acceptance_table, calibration_table, draw_calibration
 from tools.calibration.model_fit import fit_model, held_out
 from tools.calibration.trial import Trial
-from tools.command_line.options import number_within
+from tools.command_line.options import add_plot_option, check_plot, number_within
 from tools.command_line.paths import path_argument
 from tools.command_line.program import ProgramParser, run_program
 from tools.map_pairs.floors import shows_part
@@ -61,7 +61,7 @@ def _parser() -> ProgramParser:
         help=f"N pairs of `benchmark strangers --seed {STRANGERS_SEED}` to fit on; each counts for {SIMULATED:g}",
     )  # fmt: skip
     grammar.add_argument("-o", "--out", type=path_argument, metavar="FILE", help="write the fitted model here")
-    grammar.add_argument("--plot", type=path_argument, metavar="FILE", help="write a picture of the calibration here")
+    add_plot_option(grammar, "the calibration")
     grammar.add_argument(
         "--workers", type=number_within(int, 1), default=2, metavar="N", help="processes; the result is the same (2)"
     )
@@ -70,6 +70,7 @@ def _parser() -> ProgramParser:
 
 
 def _run(args: argparse.Namespace) -> None:
+    check_plot(args.plot)
     config, executor = MergeConfig(), Executor(args.workers)
     groups = [(str(folder), trials_of(folder, config, executor)) for folder in args.pairs]
     groups += [(str(folder), trials_of(folder, config, executor, SIMULATED)) for folder in args.simulated]

@@ -1,3 +1,5 @@
+import sys
+
 import pytest
 
 from tools.benchmark import main
@@ -61,6 +63,17 @@ def test_the_machine_is_described_before_the_benchmark_runs(monkeypatch):
     monkeypatch.setattr("tools.benchmarks.scaling.benchmark_limits", lambda args: described.append(args.machine))
     assert main(["limits"]) == 0
     assert described[0]["cores"] >= 1
+
+
+@pytest.mark.parametrize("plot", [[], ["--plot", "fleet.png"]])
+def test_a_plot_without_matplotlib_is_one_line_before_anything_runs(monkeypatch, capsys, plot):
+    ran = []
+    monkeypatch.setattr("tools.benchmarks.fleet.benchmark_fleet", ran.append)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["fleet", *plot]) == len(plot) // 2
+    assert len(ran) == 1 - len(plot) // 2
+    wanted = "benchmark: --plot needs matplotlib: pip install 'tbmslam[paper]'\n" if plot else ""
+    assert capsys.readouterr().err == wanted
 
 
 def test_ctrl_c_is_one_line(monkeypatch, capsys):

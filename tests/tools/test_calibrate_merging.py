@@ -1,3 +1,5 @@
+import sys
+
 import pytest
 
 from tests.tools.calibration.test_model_fit import trials
@@ -16,6 +18,13 @@ def test_a_folder_in_several_lists_counts_in_each(monkeypatch, capsys):
     ]
     counted = [int(line.split("|")[2]) for line in tables[-1].splitlines()[3:]]
     assert sum(counted) == 3 * 12
+
+
+def test_a_plot_without_matplotlib_is_one_line_before_anything_runs(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert calibrate_merging.main([str(tmp_path / "none"), "--plot", "calibration.png"]) == 1
+    wanted = "calibrate_merging: --plot needs matplotlib: pip install 'tbmslam[paper]'\n"
+    assert capsys.readouterr().err == wanted
 
 
 @pytest.mark.parametrize("count", ["-5", "1.5"])

@@ -1,11 +1,14 @@
-"""Options that several programs have: about recordings, parameters and the viewer."""
+"""Options that several programs have: about recordings, parameters, the viewer and plots."""
 
 import argparse
 import dataclasses
+import importlib.util
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tbmslam.errors import TbmSlamError
 from tools.command_line.paths import path_argument
 
 if TYPE_CHECKING:
@@ -156,3 +159,17 @@ def _place(text: str) -> str:
     if text != LIVE and not text.endswith(".rrd"):
         raise argparse.ArgumentTypeError(f"must end with .rrd, or be the last word for live viewing, got {text!r}")
     return text
+
+
+def add_plot_option(grammar: argparse.ArgumentParser, what: str) -> None:
+    """Add `--plot`; its value is None or the path of a picture."""
+    grammar.add_argument(
+        "--plot", type=path_argument, metavar="FILE", help=f"write a picture of {what} here (needs the extra "
+        "tbmslam[paper])",
+    )  # fmt: skip
+
+
+def check_plot(plot: Path | None) -> None:
+    """Refuse `--plot` without matplotlib, before the work that it would draw."""
+    if plot is not None and importlib.util.find_spec("matplotlib") is None:
+        raise TbmSlamError("--plot needs matplotlib: pip install 'tbmslam[paper]'")
