@@ -5,7 +5,7 @@ import logging
 import math
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import dropwhile
@@ -243,19 +243,21 @@ def benchmark_perturbations(args: argparse.Namespace) -> None:
         config_with(setting)
     for spec in args.recordings:
         truth_beside(spec.path)
-    tasks = [(spec, perturbation) for spec in args.recordings for perturbation in chosen]
+    # All unperturbed runs come first: the failure of one ends the benchmark.
+    tasks = [(spec, perturbation) for perturbation in chosen for spec in args.recordings]
     calls = [Call(f"{index}", errors_of, task) for index, task in enumerate(tasks)]
     answers: list[DriveErrors | TbmSlamError] = []
-    for (spec, perturbation), answer in zip(tasks, Executor(args.jobs).outcomes(calls), strict=True):
-        answers.append(answer)
-        say(f"benchmark: {len(answers)}/{len(tasks)} {spec.path.name} {perturbation.name}")
-        if perturbation is UNPERTURBED and isinstance(answer, TbmSlamError):
-            raise answer
+    with closing(Executor(args.jobs).outcomes(calls)) as outcomes:
+        for (spec, perturbation), answer in zip(tasks, outcomes, strict=True):
+            answers.append(answer)
+            say(f"benchmark: {len(answers)}/{len(tasks)} {spec.path.name} {perturbation.name}")
+            if perturbation is UNPERTURBED and isinstance(answer, TbmSlamError):
+                raise answer
     record: list[dict[str, Any]] = []
     tables: dict[str, ResultTable] = {}
-    for begin, spec in zip(range(0, len(tasks), len(chosen)), args.recordings, strict=True):
-        scores = _scores(chosen, answers[begin : begin + len(chosen)])
-        unperturbed = answers[begin]
+    for index, spec in enumerate(args.recordings):
+        scores = _scores(chosen, answers[index :: len(args.recordings)])
+        unperturbed = answers[index]
         is_ate = isinstance(unperturbed, DriveErrors) and unperturbed.kind == "poses"
         name = spec.name
         tables[name] = _table(scores, "ATE m" if is_ate else "mean error m")
