@@ -30,6 +30,7 @@ def broken(preset_name, route, *_):
     raise KeyError(route)
 
 
+@pytest.mark.slow
 def test_a_drive_that_fails_is_a_row_and_the_others_go_on(monkeypatch, capsys):
     monkeypatch.setattr("tools.benchmarks.scaling.run_scaling", broken)
     assert main(["scaling", "--lengths", "20", "--preset", "viny"]) == 0
