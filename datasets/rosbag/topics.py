@@ -98,7 +98,7 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
     filled = [topic for topic in scans if topic.messages]
     if len(filled) == 1:
         return filled[0].name
-    if filled and (same := republished(files, [topic.name for topic in filled])):
+    if filled and (same := republished(files, filled)):
         logger.warning("%s: %s", files.paths[0], same.text())
         return same.best
     if filled:

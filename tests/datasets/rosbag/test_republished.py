@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from datasets import DatasetError, RecordingOptions, open_recording
-from datasets.rosbag.files import BagFiles
+from datasets.rosbag.files import BagFiles, Topic
+from datasets.rosbag.messages import CLOUD_TYPE, SCAN_TYPE
 from datasets.rosbag.republished import republished
 
 
@@ -27,7 +28,11 @@ def refused(bag):
 
 @pytest.mark.parametrize(
     ("later", "used", "why"),
-    [(-0.3, "/copy", "stamped 0.30 s earlier"), (0.3, "/scan", "stamped 0.30 s earlier"), (0.0, "/scan", "which were")],
+    [
+        (-0.3, "/copy", "stamped 0.30 s earlier"),
+        (0.3, "/scan", "stamped 0.30 s earlier"),
+        (0.0, "/scan", "which were published first"),
+    ],
 )
 def test_the_topic_with_the_earlier_stamps_is_used(script, tmp_path, caplog, later, used, why):
     bag = copied(script, later=later).write(tmp_path / "run.bag")
@@ -36,8 +41,7 @@ def test_the_topic_with_the_earlier_stamps_is_used(script, tmp_path, caplog, lat
     other = ({"/scan", "/copy"} - {used}).pop()
     said = f"{bag}: {used} and {other} hold the same scans: those of {used} are used, {why}"
     (line,) = [line for line in caplog.messages if "hold the same" in line]
-    assert line.startswith(said)
-    assert line.endswith(f"pass --scan-topic {other} for the other")
+    assert line == f"{said}; pass --scan-topic {other} for that topic"
     assert open_recording([bag], RecordingOptions(scan_topic=other)).description["scan_topic"] == other
 
 
@@ -47,9 +51,51 @@ def test_of_equal_stamps_the_scans_published_first_are_used(script, tmp_path):
 
 
 def test_of_two_copies_the_earliest_is_used_and_both_others_are_named(script, tmp_path):
-    found = republished(BagFiles([copied(script, copies=2).write(tmp_path / "a.bag")]), ["/scan", "/copy", "/copy1"])
+    files = BagFiles([copied(script, copies=2).write(tmp_path / "a.bag")])
+    found = republished(files, [files.topics[name] for name in ("/scan", "/copy", "/copy1")])
     assert (found.best, found.others) == ("/copy1", ("/scan", "/copy"))
     assert found.later == pytest.approx(0.3)
+
+
+def test_of_scans_with_equal_times_neither_was_first(script, tmp_path, caplog):
+    bag = copied(script, later=0.0, latency=0.0).write(tmp_path / "run.bag")
+    assert open_recording([bag]).description["scan_topic"] == "/copy"
+    assert "those of /copy are used, with equal stamps; pass" in caplog.text
+
+
+def test_of_equal_topics_the_longer_is_used(script, tmp_path):
+    script.scan(120.0, (8.0, 9.0))
+    bag = copied(script, later=0.0, latency=0.0).write(tmp_path / "run.bag")
+    assert open_recording([bag]).description["scan_topic"] == "/scan"
+
+
+@pytest.mark.parametrize("number", [120, 30])
+def test_a_topic_with_a_fraction_of_the_scans_does_not_replace_them(script, tmp_path, number):
+    copied(script, number=number)
+    for k in range(20):
+        script.scan(100.0 + 0.2 * (number + k), (1.0, 2.0, 3.0 + k), topic="/scan")
+    refused(script.in_time_order().write(tmp_path / "run.bag"))
+
+
+@pytest.mark.parametrize("unset", ["/copy", "/scan"])
+def test_set_stamps_are_preferred_to_unset_ones(script, tmp_path, caplog, unset):
+    random = np.random.default_rng(1)
+    for k in range(30):
+        ranges, stamp = random.uniform(1.0, 9.0, 20), 100.0 + 0.2 * k
+        for topic in ("/copy", "/scan"):
+            bag_time = stamp - 0.1 * (topic == unset)
+            script.scan(0.0 if topic == unset else stamp, ranges, topic=topic, bag_time=bag_time)
+    recording = open_recording([script.in_time_order().write(tmp_path / "run.bag")])
+    used = ({"/scan", "/copy"} - {unset}).pop()
+    assert recording.description["scan_topic"] == used
+    assert f"those of {used} are used, whose stamps are set; pass" in caplog.text
+
+
+@pytest.mark.parametrize(("msgtype", "counts"), [(CLOUD_TYPE, (30, 30)), (SCAN_TYPE, (9, 9)), (SCAN_TYPE, (100, 94))])
+def test_topics_that_cannot_be_chosen_are_not_read(monkeypatch, msgtype, counts):
+    monkeypatch.setattr(BagFiles, "messages", lambda *_: pytest.fail("messages are read"))
+    topics = [Topic(f"/scan{number}", msgtype, count) for number, count in enumerate(counts)]
+    assert republished(BagFiles([]), topics) is None
 
 
 def test_a_scan_more_at_an_end_is_no_other_laser(script, tmp_path):
@@ -70,7 +116,7 @@ def test_lasers_that_see_the_same_for_a_moment_are_two(script, tmp_path):
     refused(script.in_time_order().write(tmp_path / "run.bag"))
 
 
-@pytest.mark.parametrize("ranges", [[np.inf], [0.0]])
+@pytest.mark.parametrize("ranges", [[np.inf], [0.0], [np.nan]])
 def test_scans_that_show_nothing_are_no_evidence(script, tmp_path, ranges):
     for k in range(60):
         script.scan(100.0 + 0.1 * k, ranges * (k + 2)).scan(100.0 + 0.1 * k, ranges * (k + 2), topic="/rear")
