@@ -55,7 +55,7 @@ class Plan:
     unset_lags: tuple[float, float] = (0.0, 0.0)
     """Bag time minus the assumed stamp of scans and of odometry with unset stamps [s]."""
     doubts: tuple[str, ...] = ()
-    """Warnings about contradictions in tf, in the limits of the laser, and between the files."""
+    """Warnings about topics with the same scans, contradictions in tf, the limits of the laser, and long pauses."""
     cut: CloudSlice | None = None
     """Slice that turns point clouds into scans, if the topic of scans holds clouds."""
 
@@ -116,6 +116,7 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
         logger.warning("%s: %s", files.paths[0], clock.warning)
     limits = limits_warning(laser.first_scan.range_min, laser.first_scan.range_max)
     doubts = (
+        *([topics.doubt] if topics.doubt else []),
         *_doubts(files, survey, frames, to_sensor if sensor_pose is None else None),
         *([limits] if limits and (options.range_min is None or options.range_max is None) else []),
         *files.pauses(),

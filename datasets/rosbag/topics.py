@@ -1,6 +1,5 @@
 """Choice of the topics of a bag."""
 
-import logging
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -12,8 +11,6 @@ from datasets.rosbag.files import BagFiles, Topic
 from datasets.rosbag.messages import CLOUD_TYPE, ECHOES_TYPE, ODOMETRY_TYPE, POSE_TYPE, SCAN_TYPE, TF_TYPES
 from datasets.rosbag.republished import republished
 from tbmslam.geometry.se2 import SE2
-
-logger = logging.getLogger(__name__)
 
 
 def of_same_robot(names: Sequence[str], scan: str, other_scans: Sequence[str]) -> list[str]:
@@ -66,6 +63,8 @@ class ChosenTopics(NamedTuple):
     scan: str
     transforms: tuple[str, ...]
     odometry: str | None
+    doubt: str | None = None
+    """Warning about topics with the same scans."""
 
     def all(self) -> tuple[str, ...]:
         """Return the names of all chosen topics."""
@@ -74,12 +73,12 @@ class ChosenTopics(NamedTuple):
 
 def choose_topics(files: BagFiles, options: RecordingOptions) -> ChosenTopics:
     """Choose the topics of the scans, the transforms and the odometry."""
-    scan = _scan_topic(files, options)
+    scan, doubt = _scan_topic(files, options)
     transforms: tuple[str, ...] = ()
     if options.odometry != "none" or options.sensor_pose is None:
         transforms = _transforms(files, options, scan)
     odometry = _odometry_topic(files, options, scan) if options.odometry in ("auto", "topic") else None
-    return ChosenTopics(scan, transforms, odometry)
+    return ChosenTopics(scan, transforms, odometry, doubt)
 
 
 def is_static(topic: str) -> bool:
@@ -87,20 +86,20 @@ def is_static(topic: str) -> bool:
     return topic.endswith("tf_static")
 
 
-def _scan_topic(files: BagFiles, options: RecordingOptions) -> str:
+def _scan_topic(files: BagFiles, options: RecordingOptions) -> tuple[str, str | None]:
+    """Return the topic of the scans, and a warning if others hold the same scans."""
     if options.scan_topic is not None:
         topic = _named(files, options.scan_topic, _SCAN_TYPES, "--scan-topic")
         if not topic.messages:
             raise DatasetError(f"{_names(files)}: {topic.name} holds no messages: choose another with --scan-topic")
-        return topic.name
+        return topic.name, None
     # Scans with several echoes mostly exist as LaserScan, too. A level scan is better than the slice of a cloud.
     scans = files.of_type(SCAN_TYPE) or files.of_type(ECHOES_TYPE) or files.of_type(CLOUD_TYPE)
     filled = [topic for topic in scans if topic.messages]
     if len(filled) == 1:
-        return filled[0].name
+        return filled[0].name, None
     if filled and (same := republished(files, filled)):
-        logger.warning("%s: %s", files.paths[0], same.text())
-        return same.best
+        return same.best, same.text()
     if filled:
         listed = ", ".join(f"{topic.name} ({in_number(topic.messages, 'scan', 'scans')})" for topic in filled)
         kind = scans[0].msgtype.rsplit("/", 1)[-1]

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from datasets import DatasetError, RecordingOptions, open_recording
+from datasets.recording import recording_warnings
 from datasets.rosbag.files import BagFiles, Topic
 from datasets.rosbag.messages import CLOUD_TYPE, SCAN_TYPE
 from datasets.rosbag.republished import republished
+from tests.warnings_page import is_explained
 
 
 def copied(script, number=30, later=-0.3, latency=0.1, copies=1, **other):
@@ -42,6 +44,9 @@ def test_the_topic_with_the_earlier_stamps_is_used(script, tmp_path, caplog, lat
     said = f"{bag}: {used} and {other} hold the same scans: those of {used} are used, {why}"
     (line,) = [line for line in caplog.messages if "hold the same" in line]
     assert line == f"{said}; pass --scan-topic {other} for that topic"
+    (stored,) = [warning for warning in recording_warnings(recording) if "hold the same" in warning]
+    assert line == f"{bag}: {stored}"
+    assert is_explained(stored)
     assert open_recording([bag], RecordingOptions(scan_topic=other)).description["scan_topic"] == other
 
 
