@@ -20,7 +20,9 @@ _DIRECTIONS = 90
 _UNLIKE = 0.1
 _TIMES_AS_UNLIKE = 4.0
 _SWEEP_SLACK = 1.1  # the speed of motors varies, and so do the stamps at both ends
-_PAUSE = 4.0  # mean steps from which a step is a pause; no step of 15 Neatos was longer than 3.1
+# Percentile of the steps: above the short steps of scans that arrive in pairs, below the pauses after three scans.
+_USUAL = 60.0
+_PAUSE = 5.0  # usual steps beyond which a step is a pause
 
 
 @dataclass
@@ -63,10 +65,11 @@ class SurveyedLaser:
         """
         steps = np.diff(self.stamps)
         steps = steps[steps > 0.0]
+        if not len(steps):
+            return math.inf
         # The mean, since the stamps of some lasers come in pairs, and their median is far from the period.
-        while len(steps) and (is_pause := steps > _PAUSE * steps.mean()).any():
-            steps = steps[~is_pause]
-        return _SWEEP_SLACK * float(steps.mean()) if len(steps) else math.inf
+        usual = np.percentile(steps, _USUAL, method="lower")
+        return _SWEEP_SLACK * float(steps[steps <= _PAUSE * usual].mean())
 
     def alternates(self) -> bool:
         """Return whether the scans of two lasers or robots alternate on the topic.

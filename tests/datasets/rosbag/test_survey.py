@@ -30,11 +30,25 @@ def test_a_scan_takes_no_longer_than_the_next_is_away():
     assert at([1.0]).laser.longest_sweep() == math.inf
 
 
+@pytest.mark.parametrize(
+    "stamps",
+    [[10.2 * burst + 0.1 * scan for burst in range(20) for scan in range(3)], [0.0, 0.1, 0.2, 30.0]],
+    ids=["frequent", "few scans"],
+)
+def test_pauses_do_not_make_a_scan_longer(stamps):
+    assert at(stamps).laser.longest_sweep() == pytest.approx(0.11)
+
+
 def test_stamps_that_come_in_pairs_leave_the_period_known():
     """A Neato turns five times a second; its scans are stamped when they arrive, mostly after 0.15 s, then 0.3 s."""
     steps = [0.15, 0.15, 0.3] * 12
     assert at(np.cumsum([0.0, *steps])).laser.longest_sweep() == pytest.approx(0.22)
     assert at(np.cumsum([0.0, *steps, 160.0, *steps])).laser.longest_sweep() == pytest.approx(0.22)
+
+
+def test_scans_that_arrive_two_at_a_time_leave_the_period_known():
+    steps = [0.001, 0.399] * 20 + [0.001]
+    assert at(np.cumsum([0.0, *steps])).laser.longest_sweep() == pytest.approx(0.22, rel=0.03)
 
 
 def test_an_unset_stamp_gives_no_lag():
