@@ -7,16 +7,20 @@ _LAG = 0.12
 fr-clinic, whose errors change by at most 3 % with another 0.15 s."""
 _SURE = 4.0
 """A lag is reported only if this many of its standard deviations are below that limit."""
+_SURE_TURNS = 3.0
+"""The same for the lag by rotations. Its deviation is 0.035 s in a drive of a Neato of 54 s, where it is right."""
 
 
 def clock_warning(place: SensorPlace, turned: Lag | None, offset: float) -> str | None:
     """Return a warning if the odometry is older or newer than the scans, else None.
 
-    `turned` is the lag by rotations alone. It is used if it is known, since the lag of `place` falls short where late
-    odometry displaced the scans. `offset` is the time that was added to the stamps of the scans before odometry was
-    looked up [s].
+    `turned` is the lag by rotations alone. It is used if it is certain and has the sign of the lag of `place`, since
+    that falls short where late odometry displaced the scans. `offset` is the time that was added to the stamps of the
+    scans before odometry was looked up [s].
     """
-    lag = place.lag if turned is None or turned.deviation > _LAG else turned.seconds
+    lag = place.lag
+    if turned is not None and _SURE_TURNS * turned.deviation <= _LAG and turned.seconds * place.lag > 0.0:
+        lag = turned.seconds
     if min(abs(place.lag), abs(lag)) < _LAG or _SURE * place.lag_deviation > _LAG:
         return None
     return (

@@ -19,7 +19,11 @@ def test_small_and_uncertain_lags_are_no_reason_for_a_warning():
 
 
 def test_the_lag_by_rotations_is_named_if_it_is_known():
-    assert clock_warning(PLACE._replace(lag=-0.2), Lag(-0.3, 0.11), 1.0).endswith("--clock-offset 0.70")
-    assert clock_warning(PLACE._replace(lag=-0.2), Lag(-0.3, 0.13), 1.0).endswith("--clock-offset 0.80")
+    assert clock_warning(PLACE._replace(lag=-0.2), Lag(-0.3, 0.035), 1.0).endswith("--clock-offset 0.70")
     assert clock_warning(PLACE._replace(lag=-0.2), Lag(-0.11, 0.01), 1.0) is None
     assert clock_warning(PLACE._replace(lag=-0.11), Lag(-0.3, 0.01), 1.0) is None
+
+
+@pytest.mark.parametrize("turned", [Lag(-0.3, 0.11), Lag(-0.3, 0.041), Lag(0.3, 0.01), Lag(0.0, 0.01)])
+def test_an_unsure_or_contrary_lag_by_rotations_is_not_used(turned):
+    assert clock_warning(PLACE._replace(lag=-0.2), turned, 1.0).endswith("--clock-offset 0.80")
