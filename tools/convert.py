@@ -123,8 +123,18 @@ def _files_read(path: Path) -> list[Path]:
 def _files_written(out: Path, ending: str) -> list[Path]:
     from tbmslam.io.map_folder import FIXED_NAMES
 
+    if not ending:
+        return [out, *(out / name for name in (*FIXED_NAMES, *_replaced_names()))]
     beside = {".yaml": ".pgm", ".yml": ".pgm", ".png": ".pgw"}.get(ending, ending)
-    return [out, out.with_suffix(beside)] if ending else [out, *(out / name for name in FIXED_NAMES)]
+    return [out, out.with_suffix(beside)]
+
+
+def _replaced_names() -> tuple[str, ...]:
+    """Return the names of files besides the map that contradict a new map in their folder."""
+    from tools.command_line.checksums import EDIT_FILES, RUN_FILES
+    from tools.command_line.extra_files import EXTRA_FILES
+
+    return (*RUN_FILES, *EXTRA_FILES, *EDIT_FILES)
 
 
 def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
@@ -138,13 +148,13 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     from tbmslam.io.ros_map import ros_pixels, write_ros_map
     from tbmslam.io.tbm_dump import write_tbm_dump
     from tbmslam.io.trajectory_file import write_g2o
-    from tools.command_line.checksums import EDIT_FILES, write_checksums
+    from tools.command_line.checksums import write_checksums
     from tools.command_line.output_folder import output_folder
 
     if ending == "":
         with output_folder(out):
             save_map(out, tbm_map)
-            for name in EDIT_FILES:  # the new map has no edits
+            for name in _replaced_names():  # without run.json, no run takes the map for its own
                 (out / name).unlink(missing_ok=True)
             write_checksums(out)
     elif ending == ".npz":

@@ -48,6 +48,31 @@ def test_a_map_that_replaces_an_edited_one_has_no_edits(plan, tmp_path):
     assert changed_files(tmp_path / "edited") == []
 
 
+def test_a_map_that_replaces_a_mapped_one_has_no_records_of_its_run(bag, plan, tmp_path, capsys):
+    words = [str(bag), "-o", str(tmp_path / "maps"), "--occupancy-bag", *QUICK]
+    assert build_maps.main(words) == 0
+    robot = tmp_path / "maps" / "robot_0"
+    others = ("report.json", "report.html", "overlay.png", "contradictions.png", "notes.txt")
+    for name in others:  # as of a merge
+        (robot / name).write_text("old")
+    assert run(plan, robot) == 0
+    old = {"config.toml", "run.json", "map.bag", *others}
+    assert old & {file.name for file in robot.iterdir()} == {"notes.txt"}
+    assert changed_files(robot) == []
+    capsys.readouterr()
+    assert build_maps.main(words) == 0
+    assert "kept" not in capsys.readouterr().out
+    assert load_map(robot).drives
+
+
+@pytest.mark.parametrize("name", ["map.bag", "keepout.yaml"])
+def test_a_file_that_is_read_is_not_removed(plan, tmp_path, capsys, name):
+    assert run(plan, tmp_path / "out" / name) == 0
+    assert run(tmp_path / "out" / name, tmp_path / "out") == 1
+    assert f"{name}: is read and would be overwritten" in capsys.readouterr().err
+    assert (tmp_path / "out" / name).exists()
+
+
 def test_a_picture_needs_the_size_of_its_pixels(plan, tmp_path, capsys):
     picture = np.full((10, 20), 205, dtype=np.uint8)
     picture[2], picture[5] = 0, 255

@@ -10,10 +10,10 @@ from tools.command_line.extra_files import EXTRA_FILES
 NAME = "SHA256SUMS"
 EDIT_FILES = ("edits.toml", "keepout.yaml", "keepout.pgm")
 """Files of an edited map besides the map."""
-_BESIDE_THE_MAP = (
-    *("config.toml", "run.json", "report.json", "overlay.png", "contradictions.png", *EXTRA_FILES),
-    *EDIT_FILES,
-)
+_RECORDS = ("config.toml", "run.json", "report.json", "overlay.png", "contradictions.png")
+RUN_FILES = (*_RECORDS, "report.html")
+"""Files about the run that made a map. They contradict another map in its folder."""
+_BESIDE_THE_MAP = (*_RECORDS, *EXTRA_FILES, *EDIT_FILES)
 """Files of a result besides the map, without the pages, which contain times."""
 
 
