@@ -167,6 +167,7 @@ def _description(plan: Plan) -> dict[str, object]:
         "T_robot_sensor": list(mounting),
         "sensor_pose_known": plan.to_sensor is not None or plan.options.sensor_pose is not None,
         "cloud_heights_m": None if plan.cut is None else [plan.cut.low, plan.cut.high],
+        "cloud_opening": None if plan.cut is None else plan.cut.opening,
         "upside_down": upside_down,
         "angle_step_deg": plan.options.angle_step_deg,
         "range_min_m": rules.range_min,

@@ -1,9 +1,11 @@
 """A lidar of sixteen rings instead of a laser: as good a map, and one line where its clouds hold no walls."""
 
 import json
+import math
 
 import pytest
 
+from datasets import RecordingOptions, open_recording
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.trajectory_file import read_tum
 from tests.end_to_end.programs import build, simulate
@@ -35,6 +37,13 @@ def test_a_lidar_is_mapped_as_well_as_a_laser(clouds, tmp_path):
     assert recording["T_robot_sensor"] == pytest.approx([0.275, 0.0, 0.0])
     assert recording["first_scan"]["angle_step_deg"] == pytest.approx(0.5)
     assert recording["first_scan"]["time_increment_s"] == pytest.approx(0.09 / 719, rel=0.01)
+
+
+@pytest.mark.parametrize(("heights", "opening"), [(None, math.tan(math.radians(1.0))), ((0.35, 0.85), 0.0)])
+def test_the_slice_is_described(clouds, heights, opening):
+    found = open_recording([clouds / "robot_0.bag"], RecordingOptions(cloud_heights=heights)).description
+    assert found["cloud_heights_m"] == [pytest.approx(0.35), pytest.approx(0.85)]
+    assert found["cloud_opening"] == pytest.approx(opening)
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ def test_every_storage_gives_the_same_readings(script, expected_pose, tmp_path, 
     assert readings[0].scan.ranges.dtype == np.float64
     assert readings[0].scan.ranges.flags.writeable
     assert json.loads(json.dumps(recording.description))["odom_frame"] == "odom"
+    assert recording.description["cloud_opening"] is None
 
 
 @pytest.mark.parametrize("kind", ["sqlite3", "mcap"])
