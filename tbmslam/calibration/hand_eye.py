@@ -90,7 +90,8 @@ def turn_lag(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray, part
     The poses are those of `motions_of`. By a lag, rotations by odometry and by scans differ as much as the turn rate
     changed. This is linear for short lags only, so the odometry is shifted by the lag, and the rest is estimated again.
     The pose of the laser does not matter, and late odometry displaces scans more than it turns them. If the stamps of
-    four recordings are shifted by up to 0.3 s, this follows within 0.05 s, and the lag of `sensor_place` within 0.15 s.
+    four recordings are shifted by up to 0.3 s, this lag is wrong by at most 0.05 s, and the lag of `sensor_place` by up
+    to 0.15 s.
     """
     known = np.isfinite(odometry).all(axis=1)
     stamps, sensors, headings = stamps[known], sensors[known], np.unwrap(odometry[known, 2])

@@ -158,7 +158,10 @@ def say(line: str) -> None:
 
 
 def typed_command(program: str, arguments: Sequence[str] | None) -> str:
-    """Return the command line as typed in a shell: the one that started Python if `arguments` is None."""
+    """Return the command line as typed in a shell.
+
+    If `arguments` is None, it is the command line that started Python.
+    """
     return shlex.join(sys.orig_argv if arguments is None else [*program.split(), *arguments])
 
 

@@ -167,7 +167,7 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
 
 
 def _check_seen(recording: Recording, scans: int, is_seen: bool) -> None:
-    """Refuse a number of scans that show nothing."""
+    """Raise an `EmptyMapError` if no scan shows anything."""
     if is_seen:
         return
     counts = recording.counts
