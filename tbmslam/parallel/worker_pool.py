@@ -75,7 +75,7 @@ class WorkerDiedError(TbmSlamError):
     """A process ended before its work was done."""
 
     def __init__(self) -> None:
-        super().__init__("a worker process died, perhaps out of memory: run again with fewer processes")
+        super().__init__("a worker process died, perhaps out of memory: run again with fewer --workers")
 
     def __reduce__(self) -> tuple[type[Self], tuple[()]]:
         """Pickle the error without its message, which `__init__` does not take."""

@@ -192,7 +192,7 @@ def test_more_workers_than_windows_can_wait_for_are_not_started(monkeypatch):
 
 
 def test_a_dead_process_is_reported_in_one_line():
-    with pytest.raises(WorkerDiedError, match=r"a worker process died, .*fewer processes"), worker_pool(1) as pool:
+    with pytest.raises(WorkerDiedError, match=r"a worker process died, .*fewer --workers"), worker_pool(1) as pool:
         pool.submit(os._exit, 3).result()
 
 

@@ -54,7 +54,7 @@ def test_a_lack_of_memory_stays_one():
 
 
 def test_a_dead_process_is_reported():
-    with pytest.raises(WorkerDiedError, match="perhaps out of memory: run again with fewer processes"):
+    with pytest.raises(WorkerDiedError, match="perhaps out of memory: run again with fewer --workers"):
         in_fresh_process(os._exit, 9)
 
 
