@@ -33,7 +33,7 @@ place has changed. Four good indoor drives stay above a share of 0.4. Without od
 scans alone: surfels would err by 2 m instead of 0.2 m there (fr-clinic)."""
 _OVERRULING = 0.2
 """Smallest share of a scan that overrules odometry. With 0 and reversed odometry, a scan in a park of which a sixth
-fits turns fr-clinic by 25 deg in one drive of 28. The price is 2 % of the error of the others."""
+fits tears fr-clinic in two drives of 28, else in another one. The price is 2 % of the error of the others."""
 _LOST_TRUST = 0.01
 """Weight of the odometry's information at a lost scan: loop closures may move the rest of the drive by ten times its
 standard deviations."""

@@ -167,10 +167,13 @@ def test_scans_far_apart_need_the_outline_of_the_last_keyframe(shared_data, monk
 
 @pytest.mark.parametrize(("overruling", "least", "most"), [(0.2, 0.0, 0.13), (0.0, 1.0, 10.0)])
 def test_few_hits_among_trees_do_not_overrule_odometry(shared_data, monkeypatch, overruling, least, most):
-    """Ablation of `_OVERRULING` on fr-clinic with odometry that is reversed for four of 51 seconds."""
+    """Ablation of `_OVERRULING` on fr-clinic with odometry that is reversed for four of 60 seconds.
+
+    Of 28 such drives, which begin at other times of the period, one is torn with the rule, and two without it.
+    """
     monkeypatch.setattr(surfel_tracker, "_OVERRULING", overruling)
     readings = open_recording([shared_data / "fr-clinic/fr-clinic.bag"], RecordingOptions())
-    trajectory = trajectory_of(with_odometry_reversed(readings, 4.0, 51.0))
+    trajectory = trajectory_of(with_odometry_reversed(readings, since=13.0))
     relations = read_relations(shared_data / "fr-clinic/fr-clinic.relations")
     assert least < relation_errors(relations, trajectory).translations_m.mean() < most
 

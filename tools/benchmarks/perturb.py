@@ -130,9 +130,12 @@ def with_laser_moved(readings: Iterable[Reading], x: float, y: float) -> Iterato
 
 
 def with_odometry_reversed(
-    readings: Iterable[Reading], seconds: float = _REVERSED_S, every: float = _REVERSED_EVERY_S
+    readings: Iterable[Reading], seconds: float = _REVERSED_S, every: float = _REVERSED_EVERY_S, since: float = 0.0
 ) -> Iterator[Reading]:
-    """Yield readings whose odometry has the wrong sign of translation for some seconds at the end of every period."""
+    """Yield readings whose odometry has the wrong sign of translation for some seconds at the end of every period.
+
+    The first period began `since` seconds before the first reading.
+    """
     begin, before, reported = math.nan, SE2.identity(), SE2.identity()
     for reading in readings:
         pose = reading.T_odom_robot
@@ -140,7 +143,7 @@ def with_odometry_reversed(
             yield reading
             continue
         if math.isnan(begin):
-            begin, before, reported = reading.scan.stamp, pose, pose
+            begin, before, reported = reading.scan.stamp - since, pose, pose
         is_wrong = (reading.scan.stamp - begin) % every >= every - seconds
         reported, before = reported @ _reversed(before.to(pose), is_wrong), pose
         swept = reading.T_odom_swept and reported @ _reversed(pose.to(reading.T_odom_swept), is_wrong)
