@@ -110,9 +110,11 @@ def test_several_bags_are_one_recording(tmp_path):
     middle = robot.readings[len(robot.readings) // 2].scan.stamp
     for name, begin, end in (("whole", -math.inf, math.inf), ("part1", -math.inf, middle), ("part2", middle, math.inf)):
         inside = (robot.odometry.stamps >= begin - 0.1) & (robot.odometry.stamps < end + 0.1)
+        kept = [number for number, reading in enumerate(robot.readings) if begin <= reading.scan.stamp < end]
         part = replace(
             robot,
-            readings=tuple(reading for reading in robot.readings if begin <= reading.scan.stamp < end),
+            readings=tuple(robot.readings[number] for number in kept),
+            recorded=robot.recorded[kept],
             odometry=Trajectory(robot.odometry.stamps[inside], robot.odometry.poses[inside]),
         )
         write_ros1_bag(part, tmp_path / f"{name}.bag")
