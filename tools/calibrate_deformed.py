@@ -17,7 +17,7 @@ from merging.config import MergeConfig
 from merging.nonrigid.deformed_model import DeformedModel
 from tbmslam.io.atomic_file import write_text
 from tbmslam.parallel.executor import Executor
-from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, building_of, make_pair, meetings, some_part
+from tools.benchmarks.strangers import building_of, meetings, pair_of_two_places, some_part
 from tools.calibration.deformed_fit import DeformedTrial, fit_deformed, trial_of
 from tools.command_line.options import number_within
 from tools.command_line.paths import path_argument
@@ -94,8 +94,7 @@ def trials_of_building(number: int) -> list[DeformedTrial | None]:
 
 def trials_of_strangers(number: int, weight: float) -> list[DeformedTrial | None]:
     """Return the attempt at a pair of two places, with a weight."""
-    turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
-    return [trial_of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), weight)]
+    return [trial_of(pair_of_two_places(number, STRANGERS_SEED), weight)]
 
 
 def _report(trials: Sequence[DeformedTrial], model: DeformedModel) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from merging.config import MergeConfig
 from tbmslam.io.atomic_file import write_bytes, write_text
 from tbmslam.parallel.executor import Call, Executor
-from tools.benchmarks.strangers import UNKNOWN_TO_EACH_OTHER, make_pair, meetings
+from tools.benchmarks.strangers import meetings, pair_of_two_places
 from tools.calibration.calibration_report import BINS, acceptance_table, calibration_table, draw_calibration
 from tools.calibration.model_fit import fit_model, held_out
 from tools.calibration.trial import Trial
@@ -114,8 +114,7 @@ def strangers(count: int, config: MergeConfig, executor: Executor) -> list[Trial
 
 
 def _stranger(number: int, config: MergeConfig) -> Trial | None:
-    turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
-    return Trial.of(make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, STRANGERS_SEED), config, SIMULATED)
+    return Trial.of(pair_of_two_places(number, STRANGERS_SEED), config, SIMULATED)
 
 
 if __name__ == "__main__":

@@ -109,6 +109,12 @@ def make_pair(kind: str, number_of_pair: int, seed: int) -> KnownPair:
     return KnownPair.of(_pair(kind, number_of_pair, seed))
 
 
+def pair_of_two_places(number: int, seed: int) -> KnownPair:
+    """Make a pair of maps of different places by its number; the kinds take turns."""
+    turn, kind = divmod(number, len(UNKNOWN_TO_EACH_OTHER))
+    return make_pair(UNKNOWN_TO_EACH_OTHER[kind], turn, seed)
+
+
 def _judge() -> str:
     """Return an identifier of the code and the models; results of different ones are never mixed."""
     models = [
