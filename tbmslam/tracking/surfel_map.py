@@ -15,8 +15,8 @@ from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels import Pose
 from tbmslam.kernels.rays.lattice import Lattice
+from tbmslam.kernels.surfels.known_hits import count_known_hits
 from tbmslam.kernels.surfels.outline import Outline
-from tbmslam.kernels.surfels.strays import count_strays
 from tbmslam.kernels.surfels.surfel_alignment import NOWHERE, Search, align, place_scan
 from tbmslam.kernels.surfels.surfel_search import search
 from tbmslam.kernels.surfels.surfels import (
@@ -147,13 +147,13 @@ class SurfelMap:
         )
         return Registration(SE2(x, y, theta), hessian, *fit)
 
-    def strays(self, hits: Hits, pose: SE2, span: float, tolerance: float, outline: Outline) -> float:
-        """Return the number of hits on no surfel and not on the outline of a keyframe.
+    def known_hits(self, hits: Hits, pose: SE2, span: float, tolerance: float, outline: Outline) -> tuple[float, float]:
+        """Return the numbers of hits on surfels or the outline of a keyframe, and on neither.
 
         Hits within a length `span` of surface count as one [m]. A hit at the distance `tolerance` from a surface counts
         half [standard deviations].
         """
-        return count_strays(self._arrays, hits.points, hits.normals, (*pose,), span, tolerance, outline)
+        return count_known_hits(self._arrays, hits.points, hits.normals, (*pose,), span, tolerance, outline)
 
     def search(
         self, hits: Hits, guess: SE2, reach: int, turns: FloatArray, tolerance: float, costs: tuple[float, float]

@@ -14,6 +14,7 @@ from tbmslam.kernels.surfels.determined import prior_information
 from tbmslam.kernels.surfels.outline import Outline, outline_of
 from tbmslam.kernels.surfels.surfel_alignment import Search
 from tbmslam.sensing.laser_scan import Hits, LaserScan
+from tbmslam.tracking.fit_by_chance import misfit_cost
 from tbmslam.tracking.odometry_fault import OdometryFault, faulty_cost
 from tbmslam.tracking.odometry_noise import Deviations
 from tbmslam.tracking.scan_to_scan import RecentScans, ScanMotion
@@ -21,9 +22,6 @@ from tbmslam.tracking.student_t import FREEDOM, student_cost, student_weight
 from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
 from tbmslam.tracking.tracker import Coasting, PosePrior, ScanMatch
 
-_STRAY = 4.0
-"""Log-odds that an object lies on a known surface at the right pose: one of fifty does not. With 3, intel with reversed
-odometry is torn (`benchmark.py perturb`). With 5, crowds along corridors hold the robot back."""
 _THING = 0.5
 """Hits within this length of surface count as one object, such as a person [m]. With 0.1 m, the scale at which hit
 errors are correlated, the drive is metres too short if five people walk beside the robot along a corridor."""
@@ -31,9 +29,6 @@ _FEW, _MANY = 0.2, 15.0
 """A scan is lost if a smaller share of it fits and more independent hits fit nothing: the robot is elsewhere, or the
 place has changed. Four good indoor drives stay above a share of 0.4. Without odometry such a scan is placed by the last
 scans alone: surfels would err by 2 m instead of 0.2 m there (fr-clinic)."""
-_OVERRULING = 0.2
-"""Smallest share of a scan that overrules odometry. With 0 and reversed odometry, a scan in a park of which a sixth
-fits tears fr-clinic in two drives of 28, else in another one. The price is 2 % of the error of the others."""
 _LOST_TRUST = 0.01
 """Weight of the odometry's information at a lost scan: loop closures may move the rest of the drive by ten times its
 standard deviations."""
@@ -192,8 +187,6 @@ class SurfelTracker:
         least = config.min_matched
         if not prior.by_odometry:
             least = max(least, _FEW)
-        elif result.surprise > _SURPRISING:
-            least = max(least, _OVERRULING)
         if result.matched < least or is_by_chance:
             return _unmatched(result, prior, between, T_robot_sensor, is_lost or is_by_chance)
         if prior.by_odometry:
@@ -223,7 +216,7 @@ class SurfelTracker:
             """Return the negative logarithm of the posterior, up to a constant."""
             pose, surprise = registration.pose, registration.surprise
             tolerance, outline = self._config.tolerances[-1], self._outline_of_keyframe()
-            cost = _STRAY * self._map.strays(hits, pose, _THING, tolerance, outline)
+            cost = misfit_cost(*self._map.known_hits(hits, pose, _THING, tolerance, outline))
             if not may_be_faulty or (inertia is None and returned is None):
                 return cost + student_cost(surprise)
             cost += self._fault.cost(surprise, faulty, math.inf if returned is None else returned.cost(pose))

@@ -220,17 +220,6 @@ def test_some_hits_of_a_scan_fit_by_chance_within_a_loose_prior(tracker):
     assert loose.T_map_sensor == SE2.identity()
 
 
-@pytest.mark.parametrize(("known", "overrules"), [(0.6, True), (0.17, False)])
-def test_a_lost_scan_does_not_overrule_odometry(tracker, known, overrules):
-    """A new place of which a small part fits somewhere else, while the odometry is suspected."""
-    elsewhere, scan = SE2(0.3, -0.2, 0.5), room_scan(SE2(0.3, -0.2, 0.5), 1.0)
-    other = replace(scan, ranges=np.where(np.arange(BEAMS) % 60 < 60 * known, scan.ranges, 1.7 * scan.ranges))
-    tracker._fault.probability = 0.9
-    match = tracker.match(other, prior_at(SE2.identity()), SE2.identity())
-    assert match.is_lost != overrules
-    np.testing.assert_allclose(match.T_map_sensor, elsewhere if overrules else SE2.identity(), atol=0.02)
-
-
 @pytest.mark.parametrize("inertia", [Coasting(SE2(0.1, 0.0, 0.0), (0.5, 0.5, 4.0)), None])
 @pytest.mark.parametrize("turn", [1.4, -1.4])
 def test_one_wrong_reading_of_the_odometry_does_not_shift_what_follows(tracker, turn, inertia):

@@ -1,4 +1,4 @@
-"""The hits of a scan that lie on no known surface."""
+"""The hits of a scan that lie on known surfaces."""
 
 import math
 
@@ -21,7 +21,7 @@ _ROUNDING = 1e-9
 
 
 @kernel
-def count_strays(
+def count_known_hits(
     surfels: SurfelArrays,
     points: FloatArray,
     normals: FloatArray,
@@ -29,8 +29,10 @@ def count_strays(
     span: float,
     tolerance: float,
     outline: Outline,
-) -> float:
-    """Return the number of independent hits of a scan that lie on no surfel and not on the last keyframe's outline.
+) -> tuple[float, float]:
+    """Return the numbers of independent hits of a scan on known surfaces, and on none: strays.
+
+    Known surfaces are surfels and the outline of the last keyframe.
 
     `surfels` are the fields of a `Surfels`. The hits (N, 2) [m], in the order of the beams, and the normals (N, 2) of
     the surfaces are in the scan's frame, whose pose in the map is `pose`. Hits within a length `span` of surface count
@@ -40,7 +42,8 @@ def count_strays(
     rows, cols, inverse = float(tiles.shape[1] * SIDE), float(tiles.shape[2] * SIDE), 1.0 / resolution
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
-    squared, strays, before, per_span = tolerance * tolerance, 0.0, 0.5, 0.5 / span
+    squared, before, per_span = tolerance * tolerance, 0.5, 0.5 / span
+    on_known, strays = 0.0, 0.0
     for i in range(len(points)):
         px, py, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
         after = 0.5
@@ -63,8 +66,9 @@ def count_strays(
             nx, ny, width = _surface_of(points, normals, i)
             normal_x, normal_y = cosine * nx - sine * ny, sine * nx + cosine * ny
             known = max(known, share_on_outline(outline, hit_x, hit_y, normal_x, normal_y, width))
+        on_known += counted * known
         strays += counted * (1.0 - known)
-    return strays
+    return on_known, strays
 
 
 @part

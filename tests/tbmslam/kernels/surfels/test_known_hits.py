@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from tbmslam.kernels.rays.hits import hits_of_scan
+from tbmslam.kernels.surfels.known_hits import count_known_hits
 from tbmslam.kernels.surfels.outline import outline_of
-from tbmslam.kernels.surfels.strays import count_strays
 from tbmslam.kernels.surfels.surfel_alignment import pair_up
 from tests import reference
 from tests.tbmslam.kernels.surfels.surfel_rooms import facing_origin, room_walls, surfels_of
@@ -29,19 +29,19 @@ def room_ranges(nearer=slice(0), factor=0.5):
 
 def counted(surfels, ranges, outline=BLIND, span=0.5, tolerance=4.0, pose=POSE):
     points = np.column_stack((np.cos(ANGLES), np.sin(ANGLES))) * ranges[:, None]
-    return count_strays(surfels, points, facing_origin(points), pose, span, tolerance, outline)
+    return count_known_hits(surfels, points, facing_origin(points), pose, span, tolerance, outline)
 
 
 @pytest.mark.parametrize(("span", "tolerance"), [(0.01, 4.0), (0.5, 4.0), (0.5, 12.0)])
 @pytest.mark.parametrize("factor", [1.0, 0.5])
-def test_strays_match_no_surfel(surfels, span, tolerance, factor):
+def test_known_hits_lie_on_surfels_and_strays_do_not(surfels, span, tolerance, factor):
     """As the registration counts what matches."""
     ranges = room_ranges(slice(40, 60), factor)
     points, pairs = np.column_stack((np.cos(ANGLES), np.sin(ANGLES))) * ranges[:, None], np.empty((8, 301))
     count, independent = pair_up(surfels, points, facing_origin(points), 1, span, POSE, pairs)
-    expected = independent - reference.normal_equations(pairs[:, :count], POSE, tolerance)[0]
+    known = reference.normal_equations(pairs[:, :count], POSE, tolerance)[0]
     assert counted(surfels, ranges, span=span, tolerance=tolerance) == pytest.approx(
-        expected, rel=1e-6
+        (known, independent - known), rel=1e-6
     )  # uncompiled: float32
 
 
@@ -55,9 +55,9 @@ def test_hits_between_those_of_the_last_keyframe_are_known(surfels):
     nowhere = (*surfels[:1], *(np.zeros_like(array) for array in surfels[1:3]), *surfels[3:])
 
     def strays(pose):
-        return count_strays(nowhere, points, normals, pose, 0.5, 4.0, (*outline, (0.0, 0.0, 0.0)))
+        return count_known_hits(nowhere, points, normals, pose, 0.5, 4.0, (*outline, (0.0, 0.0, 0.0)))[1]
 
-    everything = count_strays(nowhere, points, normals, (0.0, 0.0, 0.0), 0.5, 4.0, BLIND)
+    everything = count_known_hits(nowhere, points, normals, (0.0, 0.0, 0.0), 0.5, 4.0, BLIND)[1]
     assert everything > 3.5
     assert strays((0.0, 0.0, 0.0)) < 0.01
     assert strays((0.1, 0.0, 0.0)) == pytest.approx(0.5 * everything, rel=0.1)
@@ -75,7 +75,7 @@ def test_hits_far_along_a_corridor_lie_on_its_walls(surfels):
         points, normals = hits_of_scan(distance, -30.0 * step, step, (0.0, 0.0, 0.0), 39.0)
         far = np.hypot(*points.T) > 5.0
         assert far.sum() > 15
-        return count_strays(nowhere, points[far], normals[far], pose, 0.5, 4.0, outline)
+        return count_known_hits(nowhere, points[far], normals[far], pose, 0.5, 4.0, outline)[1]
 
     assert strays(ranges, (0.3, 0.0, 0.0)) < 4.0  # the farthest are beyond the end of the outline
     assert strays(ranges, (0.3, 0.0, 0.5)) > 15.0
