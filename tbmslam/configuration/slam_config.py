@@ -2,9 +2,9 @@
 
 import difflib
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tbmslam.calibration.laser_check import LaserCheckConfig, LaserFitConfig
 from tbmslam.calibration.mount_check import MountCheckConfig
@@ -55,6 +55,12 @@ class SlamConfig(FrozenConfig):
     odometry_check: OdometryCheckConfig = OdometryCheckConfig()
     mount_check: MountCheckConfig = MountCheckConfig()
     map: MapConfig = MapConfig()
+
+    @model_validator(mode="after")
+    def _check_tracker(self) -> Self:
+        if self.tracker.kind == "grid" and self.map.insertion.once_per_scan:
+            raise ValueError("tracker.kind 'grid' needs map.insertion.once_per_scan=false, as in the preset viny")
+        return self
 
 
 _VINY_MAP = MapConfig(

@@ -15,7 +15,7 @@ from tbmslam.belief.tiled_masses import SIDE, TiledMasses, sparse_zeros
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import SE2, BoolArray, FloatArray, IntArray
 from tbmslam.kernels.rays.counting import MOST_SCANS, Counts, beam_ends, count_scans, counted_tiles, write_tiles
-from tbmslam.kernels.rays.insertion import BeamFactors, beams_of_scan, insert_beams, insert_scan
+from tbmslam.kernels.rays.insertion import BeamFactors, beams_of_scan, insert_beams
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.surfels.surfels import extent
 from tbmslam.machine_memory import machine_memory
@@ -49,7 +49,7 @@ class InsertionConfig(FrozenConfig):
 
 
 class ScanInserter:
-    """Inserts scans taken at known poses."""
+    """Inserts scans taken at known poses; every beam counts."""
 
     def __init__(self, sensor_model: SensorModelConfig, config: InsertionConfig) -> None:
         self._sensor_model = sensor_model
@@ -73,8 +73,7 @@ class ScanInserter:
         if not len(ends):
             return
         grid.grow_to_contain(corners)
-        insert = insert_scan if self._config.once_per_scan else insert_beams
-        insert(grid.ratios, grid.lattice, starts, ends, is_hit, self._factors_for(grid.resolution, scan_quality))
+        insert_beams(grid.ratios, grid.lattice, starts, ends, is_hit, self._factors_for(grid.resolution, scan_quality))
 
     def _factors_for(self, resolution: float, scan_quality: float) -> BeamFactors:
         key = (resolution, scan_quality)

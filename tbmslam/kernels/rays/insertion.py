@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, kernel, part
-from tbmslam.kernels.arrays import cleared
 from tbmslam.kernels.rays.lattice import Lattice
 
 RATIO_LIMIT = 1e150
@@ -202,70 +201,6 @@ def insert_beams(
             _combine(ratios, end_row - first_row, end_col - first_col, miss_free, miss_occupied, adds)
         for i in range(blurred):
             _combine(ratios, cells[i, 0] - first_row, cells[i, 1] - first_col, miss_free, miss_occupied, adds)
-
-
-@kernel
-def insert_scan(
-    ratios: FloatArray,
-    lattice: Lattice,
-    starts: FloatArray,
-    ends: FloatArray,
-    is_hit: npt.NDArray[np.bool_],
-    factors: BeamFactors,
-) -> None:
-    """Combine the evidence of a scan into `ratios`, once for each cell: as hit if a beam hit it, else as passed.
-
-    Neighbouring beams in a cell are not independent, and beams that graze a wall must not erase it. The parameters are
-    those of `insert_beams`. There is no blur.
-    """
-    cells, is_end = touched_cells(starts, ends, is_hit, lattice.resolution)
-    hit, miss, adds = factors.hit, factors.miss, factors.adds
-    for i in range(len(cells)):
-        row, col = cells[i, 0] - lattice.first_row, cells[i, 1] - lattice.first_col
-        if is_end[i]:
-            _combine(ratios, row, col, hit[0], hit[1], adds)
-        else:
-            _combine(ratios, row, col, miss[0], miss[1], adds)
-
-
-@part
-def touched_cells(
-    starts: FloatArray, ends: FloatArray, is_hit: npt.NDArray[np.bool_], resolution: float
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
-    """Return the lattice cells (M, 2) as (row, col) that a scan touches, each once, and whether each is hit (M,).
-
-    Hit cells come first. `starts`, `ends` and `is_hit` are those of `insert_beams`.
-    """
-    low_x, low_y, high_x, high_y = starts[0, 0], starts[0, 1], starts[0, 0], starts[0, 1]
-    for points in (starts, ends):
-        for i in range(len(points)):
-            low_x, high_x = min(low_x, points[i, 0]), max(high_x, points[i, 0])
-            low_y, high_y = min(low_y, points[i, 1]), max(high_y, points[i, 1])
-    row0, col0 = math.floor(low_y / resolution), math.floor(low_x / resolution)
-    rows, cols = math.floor(high_y / resolution) - row0 + 1, math.floor(high_x / resolution) - col0 + 1
-    spoken = cleared(np.empty((rows, cols), dtype=np.bool_))
-    walk = np.empty((rows + cols + 2, 2), dtype=np.int64)
-    touched = np.empty((rows * cols, 2), dtype=np.int32)
-    count = 0
-    for beam in range(len(ends)):
-        if not is_hit[beam]:
-            continue
-        row, col = math.floor(ends[beam, 1] / resolution), math.floor(ends[beam, 0] / resolution)
-        if not spoken[row - row0, col - col0]:
-            spoken[row - row0, col - col0] = True
-            touched[count, 0], touched[count, 1] = row, col
-            count += 1
-    hits = count
-    for beam in range(len(ends)):
-        x, y = starts[beam % len(starts), 0], starts[beam % len(starts), 1]
-        length = walk_beam(x, y, ends[beam, 0], ends[beam, 1], resolution, walk)
-        for i in range(length):
-            row, col = walk[i, 0], walk[i, 1]
-            if not spoken[row - row0, col - col0]:
-                spoken[row - row0, col - col0] = True
-                touched[count, 0], touched[count, 1] = row, col
-                count += 1
-    return touched[:count], np.arange(count) < hits
 
 
 @part

@@ -30,8 +30,12 @@ def test_part_of_a_table_that_has_kinds_needs_no_kind():
     assert config.tracker.surfels.resolution == 0.1
 
 
+EVERY_BEAM = {"insertion": {"once_per_scan": False}}  # which the tracker on a grid needs
+
+
 def test_another_kind_begins_with_its_defaults():
-    config = changed(SlamConfig(), {"tracker": {"kind": "grid", "matcher": {"method": "hill_climbing"}}})
+    matcher = {"tracker": {"kind": "grid", "matcher": {"method": "hill_climbing"}}}
+    config = changed(SlamConfig(), {"map": EVERY_BEAM, **matcher})
     assert config.tracker == GridTrackerConfig(matcher=HillClimbingConfig())
 
 
@@ -130,6 +134,6 @@ def test_what_a_user_sees_of_a_preset_is_read_back(name):
 
 
 def test_another_kind_of_table_is_printed_and_read_back():
-    config = changed(SlamConfig(), {"tracker": {"kind": "grid"}, "loop_closing": {"enabled": False}})
+    config = changed(SlamConfig(), {"tracker": {"kind": "grid"}, "map": EVERY_BEAM, "loop_closing": {"enabled": False}})
     text = config_text(config, reference=PRESETS["default"])
     assert changed(SlamConfig(), tomllib.loads(text)) == config

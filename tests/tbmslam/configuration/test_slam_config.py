@@ -43,3 +43,11 @@ def test_once_per_scan_excludes_blur_and_means():
         changed(SlamConfig(), {"map": {"sensor_model": {"wall_blur": 0.3}}})
     with pytest.raises(ConfigError, match=r"combination must be 'conjunctive' with insertion.once_per_scan"):
         changed(SlamConfig(), {"map": {"sensor_model": {"combination": "mean"}}})
+
+
+def test_a_tracker_on_a_grid_counts_every_beam():
+    said = "tracker.kind 'grid' needs map.insertion.once_per_scan=false, as in the preset viny"
+    with pytest.raises(ConfigError, match=said):
+        changed(SlamConfig(), {"tracker": {"kind": "grid"}})
+    with pytest.raises(ConfigError, match=said):
+        changed(preset("viny"), {"map": {"insertion": {"once_per_scan": True}, "sensor_model": {"wall_blur": 0.0}}})

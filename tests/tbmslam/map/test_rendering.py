@@ -4,10 +4,13 @@ import pytest
 from tbmslam.belief.evidence_grid import EvidenceGrid, GridTooLargeError
 from tbmslam.belief.masses import CONFLICT, FREE, OCCUPIED
 from tbmslam.geometry.se2 import SE2
+from tbmslam.kernels.rays.insertion import beams_of_scan
 from tbmslam.map.keyframes import Keyframes
 from tbmslam.map.rendering import InsertionConfig, MapConfig, ScanInserter, render
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.sensing.sensor_model import SensorModelConfig
+from tests import reference
+from tests.belief_rules import normalise
 from tests.reference import is_inside
 
 MOUNT = SE2(0.21, 0.13, 0.31)
@@ -24,16 +27,8 @@ def drive(generator):
 
 
 @pytest.mark.parametrize("keep_conflict", [True, False])
-@pytest.mark.parametrize(
-    "insertion",
-    [
-        {"once_per_scan": True},
-        {"once_per_scan": True, "no_return": "free", "max_range": 8.0},
-        {"once_per_scan": False, "no_return": "free"},
-    ],
-)
-def test_it_is_what_inserting_scan_by_scan_gives(drive, insertion, keep_conflict):
-    config = MapConfig(resolution=0.1, insertion=InsertionConfig(**insertion), keep_conflict=keep_conflict)
+def test_it_is_what_inserting_scan_by_scan_gives(drive, keep_conflict):
+    config = MapConfig(resolution=0.1, insertion=InsertionConfig(no_return="free"), keep_conflict=keep_conflict)
     grid = EvidenceGrid(config.resolution)
     inserter = ScanInserter(config.sensor_model, config.insertion)
     for index in [*range(6), *range(6)]:
@@ -42,6 +37,26 @@ def test_it_is_what_inserting_scan_by_scan_gives(drive, insertion, keep_conflict
     rendered = render([drive, drive], config)
     assert rendered.geometry == pytest.approx(expected.geometry, abs=1e-9)
     np.testing.assert_allclose(rendered.masses, expected.masses, atol=1e-6)
+
+
+@pytest.mark.parametrize("keep_conflict", [True, False])
+@pytest.mark.parametrize("insertion", [{}, {"no_return": "free", "max_range": 8.0}])
+def test_each_scan_counts_once_in_a_cell(drive, insertion, keep_conflict):
+    insertion = InsertionConfig(once_per_scan=True, **insertion)
+    config = MapConfig(resolution=0.1, insertion=insertion, keep_conflict=keep_conflict)
+    limit, clears, cells = insertion.max_range, insertion.no_return == "free", {}
+    for index in [*range(6), *range(6)]:
+        scan, laser = drive.scan(index), drive.sensor_pose(index)
+        directions, limits = (scan.angle_min, scan.angle_increment), (limit, min(limit, scan.range_max))
+        starts, ends, is_hit, _ = beams_of_scan(scan.ranges, directions, scan.beam_step, laser, limits, clears)
+        reference.insert_scan(cells, 0.1, starts[0], ends, is_hit, config.sensor_model, 1.0)
+    rendered = render([drive, drive], config)
+    assert rendered.geometry.resolution == 0.1
+    low = np.round(np.array([rendered.geometry.origin_y, rendered.geometry.origin_x]) / 0.1).astype(int)
+    assert {tuple(cell) for cell in (np.argwhere(rendered.is_known()) + low).tolist()} == set(cells)
+    for cell, expected in cells.items():
+        masses = expected if keep_conflict else normalise(expected)
+        np.testing.assert_allclose(rendered.masses[tuple(cell - low)], masses, atol=1e-6)
 
 
 def test_no_keyframes_make_an_empty_grid():
@@ -128,9 +143,8 @@ def mapped(ranges, pose=START, **options):
     return at
 
 
-@pytest.mark.parametrize("once", [False, True])
-def test_a_hit_marks_its_end_and_clears_its_way(once):
-    at = mapped([2.0], once_per_scan=once)
+def test_a_hit_marks_its_end_and_clears_its_way():
+    at = mapped([2.0])
     assert at(2.05)[OCCUPIED] == pytest.approx(0.38)
     assert at(1.0)[FREE] == pytest.approx(0.099)
     assert at(2.25)[3] == 1.0
@@ -156,9 +170,13 @@ def test_a_turned_sensor():
 
 
 def test_a_hit_outweighs_passages_of_its_scan():
-    at = mapped([2.0, 3.0, 3.0, 3.0], once_per_scan=True)
-    assert at(2.05)[OCCUPIED] == pytest.approx(0.38)
-    assert at(2.05)[FREE] == pytest.approx(0.02)
+    scan = LaserScan(0.0, 0.0, 0.0, 0.1, 5.0, np.array([2.0, 3.0, 3.0, 3.0]))
+    insertion = InsertionConfig(once_per_scan=True)
+    config = MapConfig(resolution=0.1, sensor_model=MODEL, insertion=insertion, keep_conflict=False)
+    grid = render([Keyframes.from_scans([scan], [START], [SE2.identity()])], config)
+    masses = grid.masses[grid.geometry.cell_at(2.05, 0.05)]
+    assert masses[OCCUPIED] == pytest.approx(0.38)
+    assert masses[FREE] == pytest.approx(0.02)
 
 
 def test_an_empty_scan_changes_nothing():

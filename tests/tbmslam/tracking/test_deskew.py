@@ -83,7 +83,7 @@ def test_the_map_is_drawn_from_where_the_beams_were_sent():
     assert len(wall) == 21
     assert wall.all()
     evidence = EvidenceGrid(0.05)
-    ScanInserter(SensorModelConfig(wall_blur=0), InsertionConfig(once_per_scan=True)).insert(
+    ScanInserter(SensorModelConfig(wall_blur=0), InsertionConfig()).insert(
         keyframes.scan(0), keyframes.sensor_pose(0), evidence
     )
     inserted = evidence.to_tbm_grid().cropped_to_known()

@@ -5,7 +5,7 @@ import pytest
 
 from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.geometry.se2 import SE2
-from tbmslam.kernels.rays.insertion import RATIO_LIMIT, beams_of_scan, insert_beams, insert_scan, walk_beam
+from tbmslam.kernels.rays.insertion import RATIO_LIMIT, beams_of_scan, insert_beams, walk_beam
 from tbmslam.kernels.rays.lattice import Lattice
 from tbmslam.kernels.search.scoring import impact_at
 from tbmslam.sensing.sensor_model import SensorModelConfig, beam_factors
@@ -25,10 +25,10 @@ def beams(seed, count=40, longest=4.0):
     return start, ends, generator.random(count) < 0.8
 
 
-def filled_grid(insert, start, ends, is_hit, model, quality):
+def filled_grid(start, ends, is_hit, model, quality):
     grid = EvidenceGrid(RESOLUTION)
     grid.grow_to_contain(np.vstack((ends, start)))
-    insert(grid.ratios, grid.lattice, start[None], ends, is_hit, beam_factors(model, RESOLUTION, quality))
+    insert_beams(grid.ratios, grid.lattice, start[None], ends, is_hit, beam_factors(model, RESOLUTION, quality))
     return grid
 
 
@@ -43,7 +43,7 @@ def assert_grid_holds(grid, cells):
 @pytest.mark.parametrize("seed", range(30))
 def test_beams_are_combined_by_dempsters_rule(seed):
     start, ends, is_hit = beams(seed)
-    grid = filled_grid(insert_beams, start, ends, is_hit, MODEL, 0.9)
+    grid = filled_grid(start, ends, is_hit, MODEL, 0.9)
     cells = {}
     reference.insert_beams(cells, RESOLUTION, start, ends, is_hit, MODEL, 0.9)
     assert_grid_holds(grid, cells)
@@ -53,7 +53,7 @@ def test_beams_are_combined_by_dempsters_rule(seed):
 def test_added_evidence_is_the_mean_of_what_a_cell_was_given(seed):
     model = SensorModelConfig(wall_blur=0.5, combination="mean")
     start, ends, is_hit = beams(seed)
-    grid = filled_grid(insert_beams, start, ends, is_hit, model, 0.6)
+    grid = filled_grid(start, ends, is_hit, model, 0.6)
     cells = {}
     reference.insert_beams_as_means(cells, RESOLUTION, start, ends, is_hit, model, 0.6)
     means = {cell: [0.0, 1.0 - np.mean(given), np.mean(given), 0.0] for cell, given in cells.items()}
@@ -61,16 +61,6 @@ def test_added_evidence_is_the_mean_of_what_a_cell_was_given(seed):
     cell = next(iter(cells))
     score = impact_at(grid.ratios, cell[0] - grid.first_row, cell[1] - grid.first_col)
     assert score == pytest.approx(np.mean(cells[cell]), abs=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_a_scan_speaks_once_of_each_cell(seed):
-    model = SensorModelConfig(hit_quality=0.4, miss_quality=0.1, wall_blur=0.0)
-    start, ends, is_hit = beams(seed)
-    grid = filled_grid(insert_scan, start, ends, is_hit, model, 1.0)
-    cells = {}
-    reference.insert_scan(cells, RESOLUTION, start, ends, is_hit, model, 1.0)
-    assert_grid_holds(grid, cells)
 
 
 @pytest.mark.parametrize("seed", range(200))
