@@ -45,10 +45,8 @@ class DriveMonitor:
         self.whole_drive_warnings = set[str]()
 
     def cleaned(self, reading: Reading) -> Reading:
-        """Return the reading without blocked beams, and check its odometry."""
+        """Return the reading without blocked beams."""
         self._last_stamp = reading.scan.stamp
-        if self._odometry.jumps(reading.scan.stamp, reading.T_odom_robot):
-            self.incidents.add(reading.scan.stamp, "the odometry jumps")
         if self._view is None:
             return reading
         scan = self._view.cleaned(reading.scan)

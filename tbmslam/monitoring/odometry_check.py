@@ -18,10 +18,6 @@ from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, informations
 from tbmslam.tracking.tracker import PosePrior, ScanMatch
 
-_SHORTEST_S = 0.02  # stamps may be anything
-_USUAL_STEPS = 20
-_FORGETTING = 0.995  # of the top speed, from reading to reading
-
 
 class OdometryCheckConfig(FrozenConfig):
     """When odometry and scans contradict each other."""
@@ -34,35 +30,14 @@ class OdometryCheckConfig(FrozenConfig):
         0.06, gt=0, description="relative difference of lengths over the whole drive that gives a warning"
     )
     lengths: int = Field(10, ge=1, description="least number of compared lengths of at least a metre")
-    step: float = Field(0.3, gt=0, description="least length of a jump [m]")
-    speeding: float = Field(4.0, gt=1, description="a jump is this many times faster than the usual top speed")
 
 
 class OdometryCheck:
-    """Compares the motions by odometry and by scans, and the speed of the odometry with the usual one."""
+    """Compares the motions by odometry and by scans."""
 
     def __init__(self, config: OdometryCheckConfig) -> None:
         self._config = config
         self._known: deque[tuple[SE2, SE2]] = deque(maxlen=config.keyframes + 1)
-        self._last: tuple[float, SE2] | None = None
-        self._steps = 0
-        self._top_speed = 0.0
-
-    def jumps(self, stamp: float, T_odom_robot: SE2 | None) -> bool:
-        """Return whether the last step of the odometry was much faster than usual."""
-        last, self._last = self._last, None if T_odom_robot is None else (stamp, T_odom_robot)
-        if last is None or T_odom_robot is None:
-            return False
-        before, (x, y, _) = last
-        distance = math.hypot(T_odom_robot[0] - x, T_odom_robot[1] - y)
-        speed = distance / max(stamp - before, _SHORTEST_S)
-        if distance > self._config.step and speed > self._config.speeding * self._top_speed:
-            usual = self._steps >= _USUAL_STEPS and self._top_speed > 0.0
-            if usual:
-                return True
-        self._steps += 1
-        self._top_speed = max(speed, _FORGETTING * self._top_speed)
-        return False
 
     def disagrees(self, T_odom_robot: SE2 | None, T_map_robot: SE2) -> bool:
         """Return whether the motions since the oldest kept keyframe differ by too much."""

@@ -82,7 +82,6 @@ def test_odometry_that_jumps_is_reported_and_does_no_harm(robot):
     slam, drive = mapped(readings)
     assert align_trajectories(robot.truth, drive.trajectory, 0.01).errors_m.max() < 0.1
     assert any("at 12.0 s: the odometry steps by 10000000 m, which is ignored" in line for line in said(slam))
-    assert any("the odometry jumps" in line for line in said(slam))
 
 
 def test_covered_beams_do_not_end_up_in_the_map(robot):
@@ -140,7 +139,7 @@ def test_what_happens_again_and_again_is_one_line(robot, caplog):
     slam = Slam(name="robot_7")
     for number in range(120):
         slam.incidents.add(100.0 * number, "odometry and scans disagree", 2.0)
-    slam.incidents.add(50.0, "the odometry jumps")
+    slam.incidents.add(50.0, "the odometry steps by 9 m, which is ignored")
     slam.process(robot.readings[0])
     start = slam.start_stamp
     with caplog.at_level(logging.WARNING):

@@ -36,22 +36,6 @@ def test_odometry_that_slips_or_turns_disagrees_and_then_again_only_after_a_whil
     assert not check.disagrees(at(99), at(32))
 
 
-def test_a_step_beyond_what_is_usual_is_a_jump():
-    check = OdometryCheck(OdometryCheckConfig())
-    assert not any(check.jumps(0.1 * k, at(k, 0.05)) for k in range(40))
-    assert check.jumps(4.0, at(40 + 20, 0.05))
-    assert not check.jumps(4.1, at(41 + 20, 0.05))
-    assert not check.jumps(24.1, at(400, 0.05))  # a pause: the speed is what counts
-    assert not check.jumps(24.2, None)
-    assert not check.jumps(24.3, SE2(math.pi, 50.0, 0.0))
-
-
-def test_without_experience_nothing_is_a_jump():
-    check = OdometryCheck(OdometryCheckConfig())
-    assert not check.jumps(0.0, at(0))
-    assert not check.jumps(0.1, at(100))
-
-
 ROOM = np.diag([4e4, 4e4, 1e5])
 SCALE, LENGTHS = 0.06, 10
 MOUNT = SE2(0.3, 0.0, 0.0)
