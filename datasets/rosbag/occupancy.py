@@ -26,7 +26,7 @@ TOPIC, FRAME = "/map", "map"
 _TYPE = "nav_msgs/msg/OccupancyGrid"
 
 _FOREVER = QosTime(9223372036, 854775807)  # an unlimited time in ROS 2 (`RMW_DURATION_INFINITE`)
-_LATCHED = Qos(
+LATCHED = Qos(
     history=QosHistory.KEEP_LAST,
     depth=1,
     reliability=QosReliability.RELIABLE,
@@ -37,7 +37,7 @@ _LATCHED = Qos(
     liveliness_lease_duration=_FOREVER,
     avoid_ros_namespace_conventions=False,
 )
-"""The quality of service of nav2's map server: a viewer that subscribes later still receives the map."""
+"""The quality of service of nav2's map server and of fixed transforms: who subscribes later still receives them."""
 
 
 def write_occupancy_bag(path: str | os.PathLike[str], grid: TbmGrid, stamp: float, kind: Format = "ros1") -> None:
@@ -63,7 +63,7 @@ def _write(place: Path, grid: TbmGrid, nanoseconds: int, kind: Format) -> Path:
             writer.write(connection, nanoseconds, bytes(store.serialize_ros1(message, _TYPE)))
         return place
     with Rosbag2Writer(place, version=8, storage_plugin=StoragePlugin.MCAP) as bag:
-        connection = bag.add_connection(TOPIC, _TYPE, typestore=store, offered_qos_profiles=(_LATCHED,))
+        connection = bag.add_connection(TOPIC, _TYPE, typestore=store, offered_qos_profiles=(LATCHED,))
         bag.write(connection, nanoseconds, store.serialize_cdr(message, _TYPE))
     return next(place.glob("*.mcap"))
 

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from datasets.rosbag.messages import TF_TYPES, standard_types
+from datasets.rosbag.occupancy import LATCHED
 from datasets.synthetic.robot.laser import LidarPoints, RingLidar
 from datasets.synthetic.robot.simulation import SimulatedRobot
 from tbmslam.errors import TbmSlamError
@@ -123,18 +123,6 @@ NO_RETURN = 65.533
 _SCAN_DELAY, _TRANSFORM_DELAY = 30_000_000, 1_000_000  # from a stamp to the recording of its message [ns]
 _MOUNT_EVERY = 5  # ROS 1: the laser's mount is repeated with every fifth odometry sample, 10 Hz
 
-_LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    QosTime(0, 0),
-    QosTime(0, 0),
-    QosLiveliness.AUTOMATIC,
-    QosTime(0, 0),
-    avoid_ros_namespace_conventions=False,
-)
-
 Entry = tuple[int, str, bytes]
 """When a message is recorded [ns], on which topic, and its bytes."""
 
@@ -192,7 +180,7 @@ def write_mcap_bag(
                     topic,
                     kind,
                     typestore=messages.store,
-                    offered_qos_profiles=[_LATCHED] if topic == "/tf_static" else [],
+                    offered_qos_profiles=[LATCHED] if topic == "/tf_static" else [],
                 )
                 for topic, kind in _topics(messages, lidar).items()
             }
