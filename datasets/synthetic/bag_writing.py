@@ -173,7 +173,7 @@ def write_mcap_bag(
     """Write a ROS 2 bag, a folder with metadata and one mcap file; otherwise like `write_ros1_bag`."""
     messages = Messages(ros1=False)
     with _folder_beside(path) as folder:
-        unfinished = folder / "new" / path.name
+        unfinished = folder / path.name
         with Rosbag2Writer(unfinished, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
             connections = {
                 topic: writer.add_connection(
@@ -188,7 +188,8 @@ def write_mcap_bag(
                 writer.write(connections[topic], nanoseconds, data)
         for file in sorted(unfinished.iterdir()):
             flush_file(file)
-        _replace_folder(unfinished, path, folder / "old")
+        shutil.rmtree(path, ignore_errors=True)  # if anything stays, the next line says why
+        unfinished.replace(path)
 
 
 @contextmanager
@@ -266,17 +267,3 @@ def _scan_fields(scan: LaserScan, robot: SimulatedRobot, no_return: float) -> di
 def _nanoseconds(stamp: float) -> int:
     """Return a stamp of whole microseconds exactly."""
     return round(stamp * 1e6) * 1000
-
-
-def _replace_folder(new: Path, target: Path, aside: Path) -> None:
-    """Replace a folder. The old folder is moved aside first, and moved back if the replacement fails."""
-    if not target.exists():
-        new.replace(target)
-        return
-    target.replace(aside)
-    try:
-        new.replace(target)
-    except OSError:
-        aside.replace(target)
-        raise
-    shutil.rmtree(aside) if aside.is_dir() else aside.unlink()
