@@ -21,7 +21,7 @@ from tbmslam.geometry.trajectory import drive_speeds, turn_rates
 _LENGTH, _TURN = 0.5, 0.3
 """Distance [m] or rotation [rad] of a motion: the scans err over shorter motions, the odometry over longer ones."""
 _LONGEST_S = 20.0
-LEAST_ERROR = 0.005
+_LEAST_ERROR = 0.005
 """Smallest standard deviation of a motion by scans [m]."""
 _LEAST_SCALE = 1e-6
 _ROUNDS = 5
@@ -76,7 +76,7 @@ def sensor_place(motions: Motions, parts: int, least: int) -> SensorPlace | None
     slopes, sides = motions.slopes, motions.sides
     if len(sides) < parts * least:
         return None
-    whole, deviations = _estimated(slopes, sides, parts)
+    whole, deviations = estimated(slopes, sides, parts)
     scale = max(math.hypot(whole[2], whole[3]), _LEAST_SCALE)
     x, y, *_ = (whole / scale).tolist()
     deviation_x, deviation_y, *turn, _ = (deviations / scale).tolist()
@@ -106,13 +106,13 @@ def turn_lag(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray, part
     for _ in range(_ROUNDS if is_steady else 1):
         slopes[:, 0, -1] = np.diff(turn_rates(stamps, turned)[ends], axis=0)[0]
         sides[:, 0] = wrap_angles(seen - np.diff(turned[ends], axis=0)[0])
-        unknowns, deviations = _estimated(slopes, sides, parts)
+        unknowns, deviations = estimated(slopes, sides, parts)
         lag, deviation = lag + float(unknowns[-1]), float(deviations[-1])
         turned = np.interp(stamps + lag, stamps, headings)
     return Lag(lag, deviation)
 
 
-def _estimated(slopes: FloatArray, sides: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
+def estimated(slopes: FloatArray, sides: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
     """Return the unknowns (5,) and their standard deviations (5,) by the differences of the parts of a drive."""
     whole, _ = solved(slopes, sides)
     by_part = [solved(*part) for part in zip(np.array_split(slopes, parts), np.array_split(sides, parts), strict=True)]
@@ -166,9 +166,15 @@ def solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArra
         curvature = weighted.T @ rows + FREE
         unknowns = np.asarray(np.linalg.solve(curvature, weighted.T @ right), dtype=np.float64)
         errors = np.hypot(*(right - rows @ unknowns).reshape(-1, 2).T)
-        error = max(1.48 * float(np.median(errors)), LEAST_ERROR)
-        weights = 1.0 / (1.0 + (errors / (2.0 * error)) ** 2)
+        weights, error = robust_weights(errors)
     return unknowns, curvature / error**2
+
+
+def robust_weights(errors: FloatArray) -> tuple[FloatArray, float]:
+    """Return the weights of motions by their errors (M,) [m], and the standard deviation of the inliers [m]."""
+    error = max(1.48 * float(np.median(errors)), _LEAST_ERROR)
+    weights: FloatArray = 1.0 / (1.0 + (errors / (2.0 * error)) ** 2)
+    return weights, error
 
 
 def deviations_of_parts(values: FloatArray, informations: FloatArray, mean: FloatArray) -> FloatArray:

@@ -14,14 +14,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from tbmslam.calibration.hand_eye import (
-    FREE,
-    LEAST_ERROR,
-    Motions,
-    SensorPlace,
-    deviations_of_parts,
-    solved,
-)
+from tbmslam.calibration.hand_eye import FREE, Motions, SensorPlace, estimated, robust_weights
 from tbmslam.frozen_config import FrozenConfig
 from tbmslam.geometry.se2 import FloatArray, wrap_angles
 from tbmslam.kernels import IntArray
@@ -169,7 +162,7 @@ def _split(motions: Motions) -> tuple[int, float] | None:
         split, before, after = _best_split(curvatures, pulls, nearby)
         turn = math.remainder(_angle(after) - _angle(before), math.tau)
         places = np.where((np.arange(count) < split)[:, None], before, after)
-        weights = _weights(np.hypot(*(sides - (slopes @ places[:, :, None])[:, :, 0]).T))[0]
+        weights = robust_weights(np.hypot(*(sides - (slopes @ places[:, :, None])[:, :, 0]).T))[0]
     return split, turn
 
 
@@ -194,29 +187,13 @@ def _turned(before: tuple[float, float], after: tuple[float, float]) -> tuple[fl
 
 def _turn(motions: Motions) -> tuple[float, float]:
     """Return the angle of the laser on the robot and its standard deviation [rad]."""
-    slopes, sides = motions.slopes, motions.sides
-    whole, _ = solved(slopes, sides)
-    weights, error = _weights(np.linalg.norm(sides - slopes @ whole, axis=1))
-    informations, values = [], []
-    for part in np.array_split(np.arange(len(sides)), _PARTS):
-        weighted = weights[part, None, None] * slopes[part]
-        curvature = np.tensordot(weighted, slopes[part], axes=((0, 1), (0, 1))) + FREE
-        values.append(np.linalg.solve(curvature, np.tensordot(weighted, sides[part], axes=((0, 1), (0, 1)))))
-        informations.append(curvature / error**2)
-    deviations = deviations_of_parts(np.array(values), np.array(informations), whole)
+    whole, deviations = estimated(motions.slopes, motions.sides, _PARTS)
     return _angle(whole), float(max(deviations[2:4])) / max(math.hypot(whole[2], whole[3]), 1e-6)
 
 
 def _angle(place: FloatArray) -> float:
     """Return the angle of the unknowns (5,) [rad]."""
     return math.atan2(place[3], place[2])
-
-
-def _weights(errors: FloatArray) -> tuple[FloatArray, float]:
-    """Return robust weights of motions by their errors (M,) [m], and the standard deviation of the inliers [m]."""
-    error = max(1.48 * float(np.median(errors)), LEAST_ERROR)
-    weights: FloatArray = 1.0 / (1.0 + (errors / (2.0 * error)) ** 2)
-    return weights, error
 
 
 def _knocked_at(ends: IntArray, odometry: FloatArray, sensors: FloatArray, turn: float, least: float) -> int | None:
