@@ -151,24 +151,35 @@ def _judged(
     accepted = confidence >= limits.min_confidence and evidence.overlap_m2 >= limits.min_overlap_m2
     ambiguous = not accepted and _is_ambiguous(confidence, evidence, others, limits)
     covariance = covariance_of(*maps, motion, limits.limits(), config.covariance)
-    mirrored = 0.0 if accepted else max(confidences(decoys, [evidence for _, evidence in candidates]), default=0.0)
     reason = _reason(found, confidence, evidence, others if ambiguous else [], limits)
+    if not accepted:
+        reason += _mirrored([evidence for _, evidence in candidates], decoys, limits)
     return replace(
         found.at(motion, evidence, confidence, covariance),
         accepted=accepted,
         ambiguous=ambiguous,
-        reason=reason + (_mirrored(mirrored) if mirrored >= limits.min_confidence else ""),
+        reason=reason,
         alternatives=tuple(others),
         decoys=tuple(decoys[:_DECOYS]),
         starts=(*found.starts, motion) if found.starts and confidence >= WORTH_DEFORMING else found.starts,
     )
 
 
-def _mirrored(confidence: float) -> str:
-    """Return the remark for a map that fits as its own mirror image."""
+def _mirrored(places: list[Evidence], decoys: list[Evidence], config: VerificationConfig) -> str:
+    """Return the remark on the mirror image of a refused map: it fits instead of the map, or too."""
+    if not decoys:
+        return ""
+    confidence, decoy = max(zip(confidences(decoys, places), decoys, strict=True), key=lambda of_decoy: of_decoy[0])
+    if confidence >= config.min_confidence:
+        return (
+            f"; the mirror image of the source would fit with confidence {format_confidence(confidence)}: "
+            "is one map's picture flipped, or was a laser mounted upside down?"
+        )
+    if max(confidences(places, [])) < config.min_confidence:  # other poses of the map itself fit as well
+        return ""
     return (
-        f"; the mirror image of the source would fit with confidence {format_confidence(confidence)}: "
-        "is one map's picture flipped, or was a laser mounted upside down?"
+        f"; the mirror image of the source also fits ({decoy.agreed_wall_m:.1f} m agree, "
+        f"{decoy.agreement:.0%}): the place may be symmetric, or the fit chance"
     )
 
 

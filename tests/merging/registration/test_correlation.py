@@ -150,6 +150,20 @@ def test_a_map_that_fits_mirrored_is_refused_and_told(rooms):
     assert "mirrored" not in align(TbmMap(rooms(3)), TbmMap(part)).reason
 
 
+def test_a_symmetric_place_is_refused_and_its_mirror_image_named():
+    """A room with an alcove fits itself once, and so does its mirror image."""
+    grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 240, 320))
+    for rows, cols in ((slice(60, 182), slice(10, 222)), (slice(100, 142), slice(220, 302))):
+        grid.masses[rows.start - 2 : rows.stop + 2, cols.start - 2 : cols.stop + 2] = (0.0, 0.0, 1.0, 0.0)
+    for rows, cols in ((slice(60, 182), slice(10, 222)), (slice(100, 142), slice(220, 302))):
+        grid.masses[rows, cols] = (0.0, 1.0, 0.0, 0.0)
+    alignment = align(TbmMap(grid), TbmMap(grid), MergeConfig(method="correlation"))
+    assert not alignment.accepted
+    assert not alignment.ambiguous
+    assert "; the mirror image of the source also fits (" in alignment.reason
+    assert alignment.reason.endswith(" m agree, 100%): the place may be symmetric, or the fit chance")
+
+
 def test_a_room_that_looks_the_same_turned_is_ambiguous():
     """A rectangle fits itself twice; which way round cannot be known."""
     grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 140, 220))
@@ -159,6 +173,7 @@ def test_a_room_that_looks_the_same_turned_is_ambiguous():
     assert not alignment.accepted
     assert alignment.ambiguous
     assert alignment.reason.startswith("ambiguous: 2 places fit about as well, the best with confidence 0.")
+    assert "mirror" not in alignment.reason
     turned = alignment.alternatives[0].T_target_source.theta - alignment.T_target_source.theta
     assert abs(math.remainder(turned - math.pi, 2.0 * math.pi)) < 0.01
     assert alignment.alternatives[0].confidence == pytest.approx(alignment.confidence, rel=0.3)
