@@ -45,6 +45,8 @@ class RosMapHeader:
     T_map_image: SE2
     """Pose of the picture's lower left corner."""
     pixels: PixelRule
+    stated_image: str
+    """The picture as the file names it; `image` is beside the file if that is a path of another machine."""
 
 
 def read_ros_map_header(path: Path) -> RosMapHeader:
@@ -84,10 +86,10 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
             f"{path}: thresholds must be 0 <= free_thresh < occupied_thresh <= 1, they are {free} and {occupied}: "
             "correct them"
         )
-    image = _image_path(path, values["image"])
+    stated, image = values["image"], _image_path(path, values["image"])
     T_map_image = SE2(x, y, wrap_angle(yaw))
     pixels = PixelRule(bool(negate), occupied, free, cast("Mode", mode), cast("Alpha", alpha))
-    return RosMapHeader(image, resolution, T_map_image, pixels)
+    return RosMapHeader(image, resolution, T_map_image, pixels, str(stated))
 
 
 def _parse(path: Path) -> dict[object, object]:
@@ -129,12 +131,16 @@ def _image_path(path: Path, name: object) -> Path:
     image = Path(os.path.normpath(folder / name))
     if not image.is_relative_to(folder):
         if (folder / image.name).is_file():
-            logger.warning(
-                "%s: the image %s lies outside its folder: %s beside it is read", path, reprlib.repr(name), image.name
-            )
             return path.parent / image.name
         raise MapFileError(f"{path}: the image {reprlib.repr(name)} lies outside the yaml's folder: copy it beside it")
     return path.parent / image.relative_to(folder)
+
+
+def _warn_of_another_machine(path: Path, header: RosMapHeader) -> None:
+    stated = os.path.normpath(path.parent.absolute() / header.stated_image)
+    if stated != os.path.normpath(header.image.absolute()):
+        name, beside = reprlib.repr(header.stated_image), header.image.name
+        logger.warning("%s: the image %s lies outside its folder: %s beside it is read", path, name, beside)
 
 
 FREE_PIXEL, UNKNOWN_PIXEL, OCCUPIED_PIXEL = 254, 205, 0
@@ -179,6 +185,7 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     an invalid value.
     """
     header = read_ros_map_header(Path(path))
+    _warn_of_another_machine(Path(path), header)
     image = read_image(header.image)
     corner = header.T_map_image
     check_geometry(path, GridGeometry(header.resolution, corner.x, corner.y, *image.pixels.shape[:2]))

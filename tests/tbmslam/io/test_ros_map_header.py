@@ -2,7 +2,8 @@ import math
 
 import pytest
 
-from tbmslam.io.ros_map import read_ros_map_header
+from tbmslam.io.map_folder import files_of_map
+from tbmslam.io.ros_map import read_ros_map, read_ros_map_header
 from tbmslam.map.map_check import MapFileError
 
 GOOD = {
@@ -120,6 +121,9 @@ def test_a_picture_of_another_machine_is_the_one_beside(tmp_path, caplog, name):
         read_ros_map_header(folder / "hall.yaml")
     (folder / "hall.pgm").write_bytes(b"P5 1 1 255 0")
     assert read_ros_map_header(folder / "hall.yaml").image == folder / "hall.pgm"
-    assert caplog.messages == [
+    assert files_of_map(folder / "hall.yaml") == [folder / "hall.yaml", folder / "hall.pgm"]
+    assert not caplog.messages
+    read_ros_map(folder / "hall.yaml")
+    assert caplog.messages[:1] == [
         f"{folder / 'hall.yaml'}: the image '{name}' lies outside its folder: hall.pgm beside it is read"
     ]
