@@ -28,7 +28,7 @@ class MountCheckConfig(FrozenConfig):
 
     enabled: bool = Field(True, description="check the stated mount and the clocks by odometry and scans")
     parts: int = Field(6, ge=2, description="parts of a drive from which the mount is estimated separately")
-    motions: int = Field(8, ge=2, description="least number of motions of half a metre of each part")
+    motions: int = Field(4, ge=2, description="least number of motions of half a metre of each part")
     distance: float = Field(
         0.15, gt=0, description="distance that causes a warning [m]; slip of the wheels in turns causes 0.1"
     )

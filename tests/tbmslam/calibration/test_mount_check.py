@@ -15,21 +15,21 @@ TRUE = SE2(0.25, 0.0, 0.0)
 STEPS = 300
 
 
-def winding(turning=0.5):
+def winding(turning=0.5, steps=STEPS):
     poses = [SE2.identity()]
-    for k in range(STEPS - 1):
+    for k in range(steps - 1):
         poses.append(poses[-1] @ SE2(0.12, 0.0, 0.3 * turning * math.sin(k / 5.0)))
     return np.array(poses)
 
 
-def doubt(stated, generator, odometry=None, turning=0.5):
+def doubt(stated, generator, odometry=None, turning=0.5, steps=STEPS):
     """Return what is said where the laser is stated to sit somewhere, and the odometry is what it is."""
-    true = winding(turning)
+    true = winding(turning, steps)
     sensors = compose(true, np.array([TRUE])) + generator.normal(0.0, [0.003, 0.003, 0.001], true.shape)
     scan = LaserScan(0.0, -1.0, 0.1, 0.1, 30.0, np.ones(20))
-    scans = [replace(scan, stamp=0.3 * k) for k in range(STEPS)]
+    scans = [replace(scan, stamp=0.3 * k) for k in range(steps)]
     poses = compose(sensors, inverse(np.array([stated])))
-    keyframes = Keyframes.from_scans(scans, [SE2(*pose) for pose in poses], [stated] * STEPS)
+    keyframes = Keyframes.from_scans(scans, [SE2(*pose) for pose in poses], [stated] * steps)
     motions = motions_of(keyframes.stamps, true if odometry is None else odometry, keyframes.all_sensor_poses())
     return mount_warning(keyframes, motions, sensor_place(motions, CONFIG.parts, CONFIG.motions), CONFIG)
 
@@ -51,6 +51,12 @@ def test_a_laser_that_sits_elsewhere(generator, stated, words):
     x, y, turn = map(float, said.split("--sensor-pose ")[1].split())
     assert (x, y, turn) == pytest.approx((0.25, 0.0, 0.0), abs=0.02)
     assert "-0.00" not in said
+
+
+@pytest.mark.parametrize(("metres", "is_told"), [(14.0, True), (7.0, False)])
+def test_a_short_drive_tells_a_laser_that_looks_back(generator, metres, is_told):
+    said = doubt(SE2(0.25, 0.0, math.pi), generator, steps=round(metres / 0.12))
+    assert (said is not None and "not at 0.25, 0.00 m, 180 degrees" in said) is is_told
 
 
 @pytest.mark.parametrize("stated", [TRUE, SE2(0.35, 0.0, 0.0), SE2(0.25, -0.1, math.radians(4.0))])
