@@ -186,6 +186,11 @@ def read_ros_map(path: str | os.PathLike[str]) -> TbmGrid:
     """
     header = read_ros_map_header(Path(path))
     _warn_of_another_machine(Path(path), header)
+    if not header.image.exists():
+        raise MapFileError(
+            f"{path}: names the image {reprlib.repr(header.stated_image)}, but {header.image} does not exist: "
+            "correct the name in the yaml, or restore the picture"
+        )
     image = read_image(header.image)
     corner = header.T_map_image
     check_geometry(path, GridGeometry(header.resolution, corner.x, corner.y, *image.pixels.shape[:2]))
