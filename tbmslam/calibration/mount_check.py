@@ -33,7 +33,7 @@ class MountCheckConfig(FrozenConfig):
         0.15, gt=0, description="distance that causes a warning [m]; slip of the wheels in turns causes 0.1"
     )
     angle: float = Field(math.radians(5.0), gt=0, description="rotation that causes a warning [rad]")
-    sure: float = Field(4.0, gt=0, description="standard deviations within which distance and angle must be known")
+    sure: float = Field(4.0, gt=0, description="standard deviations that count as certain")
     scale: float = Field(0.2, gt=0, description="largest relative difference of the lengths by odometry and by scans")
     opposed: float = Field(
         0.8, gt=0, le=1, description="least negative correlation of both rotations for a laser upside down"
@@ -59,6 +59,9 @@ def mount_warning(
     apart = [place.pose[0] - stated[0], place.pose[1] - stated[1], math.remainder(place.pose[2] - stated[2], math.tau)]
     # Coordinates that are not determined keep the stated value, as the position if the robot hardly turns.
     known = [config.sure * deviation < limit for deviation, limit in zip(place.deviations, limits, strict=True)]
+    # A rotation that surely exceeds its limit may be less certain, as that of a laser that looks backwards. Deviations
+    # of the position are too small for that where the robot hardly turns (a false warning on a campus).
+    known[2] |= config.sure * place.deviations[2] < abs(apart[2]) - config.angle
     if not any(abs(far) > limit and is_known for far, limit, is_known in zip(apart, limits, known, strict=True)):
         return None
     likely = [fit if is_known else value for fit, value, is_known in zip(place.pose, stated, known, strict=True)]

@@ -59,6 +59,17 @@ def test_a_short_drive_tells_a_laser_that_looks_back(generator, metres, is_told)
     assert (said is not None and "not at 0.25, 0.00 m, 180 degrees" in said) is is_told
 
 
+@pytest.mark.parametrize(("turned", "is_told"), [(180.0, True), (12.0, False), (0.0, False)])
+def test_poor_odometry_tells_a_laser_that_looks_back(generator, turned, is_told):
+    """Its angle is known to 10 degrees only."""
+    true = winding(steps=150)
+    odometry = true + generator.normal(0.0, [0.1, 0.1, 0.0], true.shape)
+    said = doubt(SE2(0.25, 0.0, math.radians(turned)), generator, odometry, steps=150)
+    assert (said is not None) is is_told
+    if said is not None:
+        assert float(said.split()[-1]) == pytest.approx(0.0, abs=10.0)
+
+
 @pytest.mark.parametrize("stated", [TRUE, SE2(0.35, 0.0, 0.0), SE2(0.25, -0.1, math.radians(4.0))])
 def test_one_that_sits_where_it_should_or_nearly(generator, stated):
     assert doubt(stated, generator) is None
