@@ -153,7 +153,7 @@ def _judged(
     covariance = covariance_of(*maps, motion, limits.limits(), config.covariance)
     reason = _reason(found, confidence, evidence, others if ambiguous else [], limits)
     if not accepted:
-        reason += _mirrored([evidence for _, evidence in candidates], decoys, limits)
+        reason += _mirrored(confidence, [evidence for _, evidence in candidates], decoys, limits)
     return replace(
         found.at(motion, evidence, confidence, covariance),
         accepted=accepted,
@@ -165,17 +165,18 @@ def _judged(
     )
 
 
-def _mirrored(places: list[Evidence], decoys: list[Evidence], config: VerificationConfig) -> str:
-    """Return the remark on the mirror image of a refused map: it fits instead of the map, or too."""
+def _mirrored(confidence: float, places: list[Evidence], decoys: list[Evidence], config: VerificationConfig) -> str:
+    """Return the remark on the mirror image of a refused map: it fits instead of the map, or as well."""
     if not decoys:
         return ""
-    confidence, decoy = max(zip(confidences(decoys, places), decoys, strict=True), key=lambda of_decoy: of_decoy[0])
-    if confidence >= config.min_confidence:
+    of_image, decoy = max(zip(confidences(decoys, places), decoys, strict=True), key=lambda of_decoy: of_decoy[0])
+    if of_image >= config.min_confidence:
         return (
-            f"; the mirror image of the source would fit with confidence {format_confidence(confidence)}: "
+            f"; the mirror image of the source would fit with confidence {format_confidence(of_image)}: "
             "is one map's picture flipped, or was a laser mounted upside down?"
         )
-    if max(confidences(places, [])) < config.min_confidence:  # other poses of the map itself fit as well
+    # Without its mirror image the map would be accepted.
+    if confidence >= config.min_confidence or max(confidences(places, [])) < config.min_confidence:
         return ""
     return (
         f"; the mirror image of the source also fits ({decoy.agreed_wall_m:.1f} m agree, "

@@ -37,7 +37,7 @@ LATCHED = Qos(
     liveliness_lease_duration=_FOREVER,
     avoid_ros_namespace_conventions=False,
 )
-"""The quality of service of nav2's map server and of fixed transforms: who subscribes later still receives them."""
+"""The quality of service of nav2's map server and of fixed transforms: nodes that subscribe later receive them too."""
 
 
 def write_occupancy_bag(path: str | os.PathLike[str], grid: TbmGrid, stamp: float, kind: Format = "ros1") -> None:

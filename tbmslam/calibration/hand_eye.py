@@ -114,8 +114,8 @@ def turn_lag(stamps: FloatArray, odometry: FloatArray, sensors: FloatArray, part
 
 def estimated(slopes: FloatArray, sides: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
     """Return the unknowns (5,) and their standard deviations (5,) by the differences of the parts of a drive."""
-    whole, _ = solved(slopes, sides)
-    by_part = [solved(*part) for part in zip(np.array_split(slopes, parts), np.array_split(sides, parts), strict=True)]
+    whole, _ = _solved(slopes, sides)
+    by_part = [_solved(*part) for part in zip(np.array_split(slopes, parts), np.array_split(sides, parts), strict=True)]
     values, informations = (np.array(column) for column in zip(*by_part, strict=True))
     return whole, deviations_of_parts(values, informations, whole)
 
@@ -156,7 +156,7 @@ def _ends(sensors: FloatArray) -> IntArray:
     return np.array(ends, dtype=np.int64).reshape(-1, 2).T
 
 
-def solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _solved(slopes: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the robust estimate of the unknowns (5,) and its information (5, 5); outliers are slipping wheels."""
     weights, error, unknowns, curvature = np.ones(len(sides)), 1.0, np.zeros(5), FREE
     # All equations in one matrix: matrix products are much faster than sums over motions.

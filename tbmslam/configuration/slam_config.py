@@ -59,7 +59,9 @@ class SlamConfig(FrozenConfig):
     @model_validator(mode="after")
     def _check_tracker(self) -> Self:
         if self.tracker.kind == "grid" and self.map.insertion.once_per_scan:
-            raise ValueError("tracker.kind 'grid' needs map.insertion.once_per_scan=false, as in the preset viny")
+            raise ValueError(
+                "tracker.kind 'grid' needs map.insertion.once_per_scan=false: set both, or use preset viny"
+            )
         return self
 
 

@@ -86,10 +86,10 @@ def read_ros_map_header(path: Path) -> RosMapHeader:
             f"{path}: thresholds must be 0 <= free_thresh < occupied_thresh <= 1, they are {free} and {occupied}: "
             "correct them"
         )
-    stated, image = values["image"], _image_path(path, values["image"])
+    image = _image_path(path, values["image"])
     T_map_image = SE2(x, y, wrap_angle(yaw))
     pixels = PixelRule(bool(negate), occupied, free, cast("Mode", mode), cast("Alpha", alpha))
-    return RosMapHeader(image, resolution, T_map_image, pixels, str(stated))
+    return RosMapHeader(image, resolution, T_map_image, pixels, str(values["image"]))
 
 
 def _parse(path: Path) -> dict[object, object]:

@@ -22,8 +22,8 @@ _SURPRISING = 16.3
 stay below 10. Wrong doors of simulated hospitals reach 22 and 67, right places after reversed odometry 12 to 102."""
 
 _CONTRADICTION = 200.0
-"""Increase of that limit if all hits of a bundle lie in free space: twice 4 nats (the odds of a stray hit) for each
-of the 25 independent hits that a stop adds."""
+"""Increase of that limit if all hits of a bundle lie in free space: twice 4 nats for each of the 25 independent hits
+that a stop adds, as if one hit of fifty lay on no known surface at the right pose."""
 
 
 class DriftTest:

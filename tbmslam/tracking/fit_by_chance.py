@@ -2,8 +2,9 @@
 
 At the right pose each object lies on a known surface with a probability that is unknown: high in a room, low in a new
 place, among trees or in a crowd. So its most likely value counts. At a wrong pose the probability is that of a fit by
-chance. The generalised likelihood ratio of two binomial distributions compares both (M. Kulldorff, "A spatial scan
-statistic", 1997, eq. 1). Its logarithm is the number of objects times the Kullback-Leibler divergence.
+chance, which is the same everywhere. The likelihood ratio of the two binomial distributions compares both, as in a scan
+statistic (M. Kulldorff, "A spatial scan statistic", Communications in Statistics, 1997). Its logarithm is the number of
+objects times the Kullback-Leibler divergence of the two shares.
 """
 
 import math

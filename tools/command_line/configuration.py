@@ -37,13 +37,22 @@ class Configuration(SlamConfig):
 
     def with_settings(self, settings: Iterable[str]) -> Self:
         """Return the configuration with changes like ``map.resolution=0.1``."""
-        config = self
+        changes: dict[str, object] = {}
         for setting in settings:
-            change = parse_setting(setting)
-            if "preset" in change:
-                raise ConfigError("a preset is not set with --set: choose it with --preset")
-            config = changed(config, change, "--set")
-        return config
+            _add(parse_setting(setting), changes)
+        if "preset" in changes:
+            raise ConfigError("a preset is not set with --set: choose it with --preset")
+        return changed(self, changes, "--set")  # as a whole, since values may depend on each other
+
+
+def _add(change: Mapping[str, object], changes: dict[str, object]) -> None:
+    """Add nested tables of parameters to others; the last value of a parameter counts."""
+    for key, value in change.items():
+        table = changes.get(key)
+        if isinstance(value, dict) and isinstance(table, dict):
+            _add(value, table)
+        else:
+            changes[key] = value
 
 
 def read_configuration(preset_name: str | None, file: Path | None) -> Configuration:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from merging import MergeConfig, align
-from merging.config.registration import CorrelationConfig, StructureConfig
+from merging.config.registration import CorrelationConfig, StructureConfig, VerificationConfig
 from merging.fusion import warp
 from merging.registration import correlation
 from merging.registration.correlation import _cell_size, _directions, _Layout, _Search, distinct, propose, same_place
@@ -146,8 +146,16 @@ def test_a_map_that_fits_mirrored_is_refused_and_told(rooms):
         assert not alignment.accepted
         assert "; the mirror image of the source would fit with confidence " in alignment.reason
         assert alignment.reason.endswith("is one map's picture flipped, or was a laser mounted upside down?")
-    assert "mirrored" not in align(TbmMap(rooms(1)), TbmMap(rooms(2))).reason
-    assert "mirrored" not in align(TbmMap(rooms(3)), TbmMap(part)).reason
+    assert "mirror" not in align(TbmMap(rooms(1)), TbmMap(rooms(2))).reason
+    assert "mirror" not in align(TbmMap(rooms(3)), TbmMap(part)).reason
+
+
+def test_a_small_overlap_is_not_blamed_on_the_mirror_image(rooms):
+    config = MergeConfig(verification=VerificationConfig(min_overlap_m2=1000.0))
+    alignment = align(TbmMap(rooms(3)), TbmMap(left_part(rooms(3), 0.7)), config)
+    assert not alignment.accepted
+    assert alignment.confidence > 0.99
+    assert alignment.reason.endswith("is under 1000 m2")
 
 
 def test_a_symmetric_place_is_refused_and_its_mirror_image_named():

@@ -46,7 +46,7 @@ def test_once_per_scan_excludes_blur_and_means():
 
 
 def test_a_tracker_on_a_grid_counts_every_beam():
-    said = "tracker.kind 'grid' needs map.insertion.once_per_scan=false, as in the preset viny"
+    said = "tracker.kind 'grid' needs map.insertion.once_per_scan=false: set both, or use preset viny"
     with pytest.raises(ConfigError, match=said):
         changed(SlamConfig(), {"tracker": {"kind": "grid"}})
     with pytest.raises(ConfigError, match=said):

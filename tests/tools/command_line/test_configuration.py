@@ -109,6 +109,14 @@ def test_wrong_settings(setting, message):
         Configuration().with_settings([setting])
 
 
+def test_settings_may_depend_on_each_other_in_any_order():
+    settings = ["tracker.kind=grid", "map.insertion.once_per_scan=false"]
+    config = Configuration().with_settings(settings)
+    assert config.tracker.kind == "grid"
+    assert Configuration().with_settings(settings[::-1]) == config
+    assert Configuration().with_settings(["seed=1", "seed=2"]).seed == 2
+
+
 @pytest.mark.parametrize("program", [build_maps, merge])
 def test_print_config_prints_what_would_count_and_config_takes_it(program, tmp_path, capsys):
     words = ["--preset", "viny-hc", "--set", "merging.rule=yager", "--set", "recording.gap_s=3"]
