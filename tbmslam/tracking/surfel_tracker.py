@@ -27,8 +27,7 @@ _THING = 0.5
 errors are correlated, the drive is metres too short if five people walk beside the robot along a corridor."""
 _FEW, _MANY = 0.2, 15.0
 """A scan is lost if a smaller share of it fits and more independent hits fit nothing: the robot is elsewhere, or the
-place has changed. Four good indoor drives stay above a share of 0.4. Without odometry such a scan is placed by the last
-scans alone: surfels would err by 2 m instead of 0.2 m there (fr-clinic)."""
+place has changed. Four good indoor drives stay above a share of 0.4."""
 _LOST_TRUST = 0.01
 """Weight of the odometry's information at a lost scan: loop closures may move the rest of the drive by ten times its
 standard deviations."""
@@ -67,7 +66,7 @@ class SurfelTrackerConfig(FrozenConfig):
     )
     iterations: int = Field(8, ge=1, description="Gauss-Newton steps for each tolerance, at the most")
     min_matched: float = Field(
-        0.1, ge=0, le=1, description="share of hits on known surfaces below which odometry alone places a scan"
+        0.1, ge=0, le=1, description="share of hits on known surfaces below which the prior alone places a scan"
     )
     doubtful: float = Field(
         0.55, ge=0, le=1, description="share of hits on known surfaces below which to search elsewhere"
@@ -184,10 +183,7 @@ class SurfelTracker:
         is_lost = _is_lost(result) and (between is None or not between.is_likely)
         # Within a loose prior, such as after a gap in the scans, some hits fit by chance.
         is_by_chance = prior.by_odometry and prior.is_loose() and _least_share(result) < _FEW
-        least = config.min_matched
-        if not prior.by_odometry:
-            least = max(least, _FEW)
-        if result.matched < least or is_by_chance:
+        if result.matched < config.min_matched or is_by_chance:
             return _unmatched(result, prior, between, T_robot_sensor, is_lost or is_by_chance)
         if prior.by_odometry:
             costs = result.surprise, faulty, math.inf if returned is None else returned.cost(result.pose)
