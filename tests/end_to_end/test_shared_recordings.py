@@ -101,17 +101,17 @@ def test_two_robots_from_one_real_drive(shared_data, tmp_path):
     assert merged["merged"] is True
 
 
-@pytest.mark.parametrize("is_joint", [True, False])
+@pytest.mark.parametrize(("is_joint", "least", "most"), [(True, 5, 5), (False, 2, 3)])
 def test_bent_drives_merge_only_if_bridges_are_verified_after_a_joint_optimisation(
-    shared_data, tmp_path, monkeypatch, is_joint
+    shared_data, tmp_path, monkeypatch, is_joint, least, most
 ):
-    """Without it some of the maps stay out; which ones depends on millimetres."""
+    """Without it two or three maps merge: millimetres decide about the third."""
     maps = build(tmp_path / "maps", shared_data / "aces" / "aces.bag", *ONE_DEGREE, "--robots", 5)
     if not is_joint:
         monkeypatch.setattr("merging.bridges.refutation.jointly_refined", lambda *_: None)
         monkeypatch.setattr("merging.merged_group.jointly_refined", lambda *_: None)
     parts = {folder.name: load_map(folder) for folder in map_folders(maps)}
-    assert (len(merging.merge(parts).poses) == len(parts) == 5) is is_joint
+    assert least <= len(merging.merge(parts).poses) <= most
 
 
 @pytest.mark.parametrize(("is_short", "merged"), [(True, 3), (False, 2)])

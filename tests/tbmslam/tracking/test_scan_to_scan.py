@@ -121,9 +121,9 @@ def test_a_walk_among_trees_without_odometry_keeps_its_heading(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_walk_among_trees_is_lost_without_the_last_scans(seed, monkeypatch):
+@pytest.mark.parametrize(("seed", "least"), [(0, 2.9), (1, 5.0), (2, 5.0)])
+def test_a_walk_among_trees_is_lost_without_the_last_scans(seed, least, monkeypatch):
     """Ablation of `tbmslam.tracking.scan_to_scan`."""
     monkeypatch.setattr(RecentScans, "place", lambda *_: None)
     position, _ = errors(seed)
-    assert position > 2.0
+    assert position > least

@@ -220,6 +220,16 @@ def test_some_hits_of_a_scan_fit_by_chance_within_a_loose_prior(tracker):
     assert loose.T_map_sensor == SE2.identity()
 
 
+def test_a_scan_that_mostly_fits_elsewhere_overrules_suspected_odometry(tracker):
+    """Two fifths of it show a new place."""
+    elsewhere, scan = SE2(0.3, -0.2, 0.5), room_scan(SE2(0.3, -0.2, 0.5), 1.0)
+    other = replace(scan, ranges=np.where(np.arange(BEAMS) % 60 < 36, scan.ranges, 1.7 * scan.ranges))
+    tracker._fault.probability = 0.9
+    match = tracker.match(other, prior_at(SE2.identity()), SE2.identity())
+    assert not match.is_lost
+    np.testing.assert_allclose(match.T_map_sensor, elsewhere, atol=0.02)
+
+
 @pytest.mark.parametrize("inertia", [Coasting(SE2(0.1, 0.0, 0.0), (0.5, 0.5, 4.0)), None])
 @pytest.mark.parametrize("turn", [1.4, -1.4])
 def test_one_wrong_reading_of_the_odometry_does_not_shift_what_follows(tracker, turn, inertia):
