@@ -131,8 +131,8 @@ def _files_written(out: Path, ending: str) -> list[Path]:
 
 def _replaced_names() -> tuple[str, ...]:
     """Return the names of files besides the map that contradict a new map in their folder."""
-    from tools.command_line.checksums import EDIT_FILES, RUN_FILES
-    from tools.command_line.extra_files import EXTRA_FILES
+    from tools.command_line.checksums import RUN_FILES
+    from tools.command_line.extra_files import EDIT_FILES, EXTRA_FILES
 
     return (*RUN_FILES, *EXTRA_FILES, *EDIT_FILES)
 

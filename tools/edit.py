@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from tbmslam.errors import TbmSlamError
-from tools.command_line.extra_files import add_extra_files, check_extra_files, write_extra_files
+from tools.command_line.extra_files import EDIT_FILES, add_extra_files, check_extra_files, write_extra_files
 from tools.command_line.paths import check_exist, path_argument, refuse_to_overwrite
 from tools.command_line.program import ProgramParser, run_program
 
@@ -31,8 +31,8 @@ Edits are applied in the order of the command line, those of --edits first. Coor
 map has by then. The edits.toml and the forbidden areas of an edited MAP are continued. The result keeps trajectories
 but no scans: a merge would draw the map from them again.
 """
-EDITS, KEEPOUT, _ALIGN = "edits.toml", "keepout", "align-axes"
-_MASKS = (f"{KEEPOUT}.yaml", f"{KEEPOUT}.pgm")
+EDITS, *_MASKS = EDIT_FILES
+KEEPOUT, _ALIGN = "keepout", "align-axes"
 _CORNERS = ("X0", "Y0", "X1", "Y1")
 
 Edit = tuple[str, tuple[float, ...]]

@@ -5,11 +5,9 @@ from pathlib import Path
 from tbmslam.io.atomic_file import write_text
 from tbmslam.io.map_folder import map_files
 from tbmslam.special_file import sha256_of, why_unreadable
-from tools.command_line.extra_files import EXTRA_FILES
+from tools.command_line.extra_files import EDIT_FILES, EXTRA_FILES
 
 NAME = "SHA256SUMS"
-EDIT_FILES = ("edits.toml", "keepout.yaml", "keepout.pgm")
-"""Files of an edited map besides the map."""
 _RECORDS = ("config.toml", "run.json", "report.json", "overlay.png", "contradictions.png")
 RUN_FILES = (*_RECORDS, "report.html")
 """Files about the run that made a map. They contradict another map in its folder."""

@@ -1,4 +1,4 @@
-"""Optional files beside a map: a GeoTIFF, and bags with an occupancy grid."""
+"""Optional files beside a map: a GeoTIFF, bags with an occupancy grid, and the files of an edit."""
 
 import argparse
 import logging
@@ -16,6 +16,8 @@ _GEOTIFF = "map.tif"
 _BAGS: "Mapping[Format, str]" = {"ros1": "map.bag", "mcap": "map.mcap"}
 EXTRA_FILES = (_GEOTIFF, *_BAGS.values())
 """Names of the optional files beside a map."""
+EDIT_FILES = ("edits.toml", "keepout.yaml", "keepout.pgm")
+"""Files of an edited map besides the map."""
 
 
 def add_extra_files(grammar: argparse.ArgumentParser) -> None:
