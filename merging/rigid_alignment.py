@@ -180,7 +180,7 @@ def _mirrored(confidence: float, places: list[Evidence], decoys: list[Evidence],
         return ""
     return (
         f"; the mirror image of the source also fits ({decoy.agreed_wall_m:.1f} m agree, "
-        f"{decoy.agreement:.0%}): the place may be symmetric, or the fit chance"
+        f"{decoy.agreement:.0%}): the place may be symmetric, or the fit may be by chance"
     )
 
 

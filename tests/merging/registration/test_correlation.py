@@ -169,7 +169,7 @@ def test_a_symmetric_place_is_refused_and_its_mirror_image_named():
     assert not alignment.accepted
     assert not alignment.ambiguous
     assert "; the mirror image of the source also fits (" in alignment.reason
-    assert alignment.reason.endswith(" m agree, 100%): the place may be symmetric, or the fit chance")
+    assert alignment.reason.endswith(" m agree, 100%): the place may be symmetric, or the fit may be by chance")
 
 
 def test_a_room_that_looks_the_same_turned_is_ambiguous():
