@@ -195,7 +195,8 @@ def pieces(points, resolution, straight):
         before, after = points[i] - points[i - 1], points[i + 1] - points[i]
         along = (before + after) / np.linalg.norm(before + after)
         across = np.array([-along[1], along[0]])
-        if abs(across @ before) < straight and before @ after > 0:
+        beam = points[i] / np.linalg.norm(points[i])
+        if abs(across @ before) < straight * abs(across @ beam) and before @ after > 0:
             length = min(np.linalg.norm(before), np.linalg.norm(after), 3 * resolution)
             found[i] = length**2 / 12 * np.outer(along, along)
     return found

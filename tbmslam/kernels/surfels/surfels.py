@@ -28,8 +28,8 @@ FACING = (0.7986, 0.6018)
 """Surfaces with normals in this half plane belong to layer 1; it is oblique to walls along the axes of the map."""
 
 STRAIGHT = 0.02
-"""A hit lies on a wall with its two neighbours if it is this near to the line through them [m]: two standard deviations
-of a usual laser."""
+"""A hit lies on a wall with its two neighbours if its range differs by less from that of the line through them [m]: two
+standard deviations of a usual laser. The distance from the line says less: beams along a wall miss recesses."""
 
 
 class Surfels(NamedTuple):
@@ -134,10 +134,10 @@ def pieces_of(points: FloatArray, pose: Pose, resolution: float) -> FloatArray:
 
     Where beams meet a wall at a flat angle, their hits are far apart. A surfel may then hold the hits of one beam only.
     Scans from one place repeat these hits. They look like a small object, but do not tell how far along the wall the
-    robot is. So a hit on a straight line with its neighbours stands for a piece of the wall. The piece is as long as
-    the gap to the nearer neighbour, and at most as long as the hits of a surfel reach. The variance along a piece of
-    length L is L^2 / 12. Other hits have no piece. The points (N, 2) [m] are in the laser's frame at the pose, in the
-    order of the beams.
+    robot is. So a hit at the range of the line through its neighbours stands for a piece of the wall. The piece is as
+    long as the gap to the nearer neighbour, and at most as long as the hits of a surfel reach. The variance along a
+    piece of length L is L^2 / 12. Other hits have no piece. The points (N, 2) [m] are in the laser's frame at the pose,
+    in the order of the beams.
     """
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     pieces = cleared(np.empty((len(points), 3)))
@@ -146,10 +146,12 @@ def pieces_of(points: FloatArray, pose: Pose, resolution: float) -> FloatArray:
         before_x, before_y = x - points[i - 1, 0], y - points[i - 1, 1]
         after_x, after_y = points[i + 1, 0] - x, points[i + 1, 1] - y
         dx, dy = before_x + after_x, before_y + after_y
-        squared, area = dx * dx + dy * dy, dx * before_y - dy * before_x
-        is_straight = area * area < STRAIGHT * STRAIGHT * squared and after_x * before_x + after_y * before_y > 0.0
-        if not is_straight:
+        # The line is |off| / |(dx, dy)| away from the hit, and along the beam it is |off (x, y)| / |facing| away.
+        off, facing = dx * before_y - dy * before_x, dx * y - dy * x
+        is_straight = off * off * (x * x + y * y) < STRAIGHT * STRAIGHT * facing * facing
+        if not is_straight or after_x * before_x + after_y * before_y <= 0.0:
             continue
+        squared = dx * dx + dy * dy
         gap = min(before_x * before_x + before_y * before_y, after_x * after_x + after_y * after_y)
         longest = 3.0 * resolution
         scale = min(gap, longest * longest) / (12.0 * squared * resolution * resolution)

@@ -330,6 +330,14 @@ def test_hits_of_single_beams_along_a_wall_are_no_points(generator):
     assert known[0] < 0.2 * known[1]
 
 
+def test_a_hit_on_the_side_of_a_shallow_recess_is_a_point():
+    """It is 1.5 cm from the line through its neighbours, but the beam would have gone on for half a metre."""
+    along_wall = np.array([[6.0, 0.2], [6.5, 0.215], [7.0, 0.2]])
+    assert not pieces_of(along_wall, (0.0, 0.0, 0.0), RESOLUTION).any()
+    across_view = np.array([[-0.5, 3.0], [0.0, 3.015], [0.5, 3.0]])
+    assert pieces_of(across_view, (0.0, 0.0, 0.0), RESOLUTION)[1, 0] > 0.0
+
+
 @pytest.mark.parametrize(("x", "used", "found"), [(5.85, 2, -1), (1.0, 10**6, 10**6 + 1)])
 def test_hits_at_the_border_and_hits_without_room_are_not_added(x, used, found):
     surfels = surfels_of(np.array([[0.05, 0.05]]))
