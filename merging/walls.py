@@ -174,7 +174,7 @@ class WallMap:
         normals, two_sided = _normals(free, walls, surface)
         g = grid.geometry
         weights = steadiness(walls, free, surface, g.resolution, config)
-        distances, nearest = _nearest_surface(surface)
+        distances, nearest = nearest_cells(surface)
         distances *= np.float32(g.resolution)
         return cls(
             geometry=g,
@@ -316,15 +316,18 @@ def _derivatives(free: BoolArray, walls: BoolArray, surface: BoolArray, band: sl
     return np.column_stack(columns).astype(np.float64)
 
 
-def _nearest_surface(surface: BoolArray) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
-    """Return from every cell the distance [cells] to the nearest surface cell and its index in row-major order."""
-    if not surface.any():
-        return np.full(surface.shape, np.inf, dtype=np.float32), np.zeros(surface.shape, dtype=np.int32)
+def nearest_cells(cells: BoolArray) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+    """Return from every cell the distance [cells] to the nearest of some cells and its index in row-major order.
+
+    Without cells, the distances are inf and the indices 0.
+    """
+    if not cells.any():
+        return np.full(cells.shape, np.inf, dtype=np.float32), np.zeros(cells.shape, dtype=np.int32)
     distances, labels = cv2.distanceTransformWithLabels(
-        (~surface).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+        (~cells).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
     index_of_label = np.zeros(labels.max() + 1, dtype=np.int32)
-    index_of_label[labels[surface]] = np.arange(np.count_nonzero(surface), dtype=np.int32)
+    index_of_label[labels[cells]] = np.arange(np.count_nonzero(cells), dtype=np.int32)
     nearest = np.asarray(labels, dtype=np.int32)
     for band in _bands(len(nearest)):  # in place, since a second array of a large map takes much memory
         nearest[band] = index_of_label[nearest[band]]

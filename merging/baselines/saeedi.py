@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from merging.alignment import Alignment
 from merging.baselines.cell_states import IS_FREE, IS_WALL, CellField, CellStates, Points
@@ -30,6 +29,7 @@ from merging.baselines.placing import (
     likely_turns,
 )
 from merging.config import MergeConfig, SaeediConfig
+from merging.walls import nearest_cells
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import pignistic
 from tbmslam.geometry.se2 import FloatArray
@@ -55,7 +55,9 @@ class VoronoiDiagram:
         """Find the free cells whose neighbours have different nearest walls."""
         wall = states.states == IS_WALL
         resolution = grid.geometry.resolution
-        distances, nearest = _nearest_walls(wall)
+        distances, index = nearest_cells(wall)
+        rows, cols = np.nonzero(wall)
+        nearest = np.append(cols + 1j * rows, 0.0).astype(np.complex64)[index]  # a map without walls has the index 0
         on_line = np.zeros(wall.shape, dtype=np.bool_)
         for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
             apart = np.abs(nearest[here] - nearest[there])
@@ -103,19 +105,6 @@ def align(target: TbmGrid, source: TbmGrid, config: MergeConfig) -> Alignment:
     gain = 1.0 - float(Agreement.of(*maps, placing, place[None]).index()[0])
     criterion = f"the entropy decreases in {gain:.0%} of the overlapping cells, accepted from {settings.min_gain:.0%}"
     return judged_alignment("saeedi", maps, placing, place, (criterion, gain >= settings.min_gain), config)
-
-
-def _nearest_walls(wall: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.complex64]]:
-    """Return each cell's distance to the nearest wall cell [cells], and the place of that cell as column + i row."""
-    if not wall.any():
-        return np.full(wall.shape, np.inf, dtype=np.float32), np.zeros(wall.shape, dtype=np.complex64)
-    distances, labels = cv2.distanceTransformWithLabels(
-        (~wall).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    rows, cols = np.nonzero(wall)
-    of_label = np.zeros(labels.max() + 1, dtype=np.complex64)
-    of_label[labels[wall]] = cols + 1j * rows
-    return np.asarray(distances, dtype=np.float32), of_label[labels]
 
 
 def _proposals(target: VoronoiDiagram, source: VoronoiDiagram, placing: Placing, settings: SaeediConfig) -> FloatArray:
