@@ -55,7 +55,7 @@ class Track:
         if self.drive.motions is not None:
             return chain(self.drive.motions, start)
         pairs = [(index, index + 1, config.step_m, config.step_rad) for index in range(len(self.sensors) - 1)]
-        stops = self.stops(config.stiffness_step_m)
+        stops = self.hits.stops(config.stiffness_step_m)
         for number, first in enumerate(stops):
             apart = np.hypot(*(self.sensors[stops[number + 2 :], :2] - self.sensors[first, :2]).T)
             near = [stops[number + 2 + int(k)] for k in np.flatnonzero(apart < config.stiffness_reach_m)]
@@ -67,11 +67,6 @@ class Track:
             )
             for first, second, metres, radians in pairs
         ]  # fmt: skip
-
-    def stops(self, step: float) -> list[int]:
-        """Return keyframes about `step` metres apart."""
-        _, first = np.unique((self.hits.travelled / step).astype(np.int64), return_index=True)
-        return [int(index) for index in first]
 
     def others(self, keyframe: int, other: "Track", config: JointConfig) -> list[int]:
         """Return the submaps of a drive as targets of a keyframe; of its own drive those of earlier visits only."""
@@ -99,7 +94,7 @@ def find_closures(
     """
     found = []
     for moving, track in enumerate(tracks):
-        stops = track.stops(config.step)
+        stops = track.hits.stops(config.step)
         for index in progress.shown(stops, f"closing loops of {track.map_name}", len(stops), "places"):
             here = int(starts[moving]) + index
             for fixed, other in enumerate(tracks):

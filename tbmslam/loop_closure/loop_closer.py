@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray, IntArray, compose
+from tbmslam.geometry.se2 import SE2, FloatArray, compose
 from tbmslam.loop_closure.candidates import ChainDrift, ClosingTargets
 from tbmslam.loop_closure.closure_graph import ROUGHLY, ClosureGraph, ClosureGraphConfig
 from tbmslam.loop_closure.drift_test import DriftTest
@@ -154,7 +154,7 @@ class _Drive:
 
     def search_forward(self) -> None:
         """Close loops in the order of the drive; large corrections are applied before the next search."""
-        stops = self._stops().tolist()
+        stops = self._hits.stops(self.config.step)
         for keyframe in self._progress.each(stops, "closing loops", len(stops), "places"):
             self._targets.advance(keyframe)
             fits = self._found(keyframe)
@@ -178,7 +178,7 @@ class _Drive:
 
         Bundle adjustment corrects the remaining errors.
         """
-        stops = self._stops().tolist()
+        stops = self._hits.stops(self.config.step)
         for keyframe in self._progress.each(stops, "tightening loops", len(stops), "places"):
             near = self._targets.near(keyframe, self.graph.poses, 0.5)
             for target in near.targets[: self.config.submaps_per_step].tolist():
@@ -189,11 +189,6 @@ class _Drive:
                     self.graph.add([fit])
                     break
         self.graph.optimise()
-
-    def _stops(self) -> IntArray:
-        """Return the keyframes that are searched for."""
-        _, first = np.unique((self._hits.travelled / self.config.step).astype(np.int64), return_index=True)
-        return np.asarray(first, dtype=np.int64)
 
     def _candidates(self, keyframe: int) -> list[tuple[int, float, float]]:
         """Return the targets that a keyframe may see, with the windows of the search [m], [rad] by the drift."""

