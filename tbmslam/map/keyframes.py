@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, compose, wrap_angles
+from tbmslam.geometry.se2 import SE2, FloatArray, compose
+from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.sensing.laser_scan import LaserScan
 
 
@@ -114,7 +115,4 @@ class Keyframes:
 
     def transformed(self, T_new_old: SE2) -> "Keyframes":
         """Return the same keyframes in another frame."""
-        moved = np.empty_like(self.poses)
-        moved[:, :2] = T_new_old.apply(self.poses[:, :2])
-        moved[:, 2] = wrap_angles(self.poses[:, 2] + T_new_old.theta)
-        return replace(self, poses=moved)
+        return replace(self, poses=Trajectory(self.stamps, self.poses).transformed(T_new_old).poses)
