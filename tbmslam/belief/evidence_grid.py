@@ -111,13 +111,11 @@ class EvidenceGrid:
         masses: npt.NDArray[np.float32] = np.empty((*free_ratio.shape, 4), dtype=np.float32)
         if keep_conflict:
             unknown = 1.0 / (free_ratio * occupied_ratio)
-            masses[..., FREE] = (free_ratio - 1.0) * unknown
-            masses[..., OCCUPIED] = (occupied_ratio - 1.0) * unknown
             masses[..., CONFLICT] = (free_ratio - 1.0) * (occupied_ratio - 1.0) * unknown
         else:
             unknown = 1.0 / (free_ratio + occupied_ratio - 1.0)
-            masses[..., FREE] = (free_ratio - 1.0) * unknown
-            masses[..., OCCUPIED] = (occupied_ratio - 1.0) * unknown
             masses[..., CONFLICT] = 0.0
+        masses[..., FREE] = (free_ratio - 1.0) * unknown
+        masses[..., OCCUPIED] = (occupied_ratio - 1.0) * unknown
         masses[..., UNKNOWN] = unknown
         return TbmGrid(self.geometry, masses)
