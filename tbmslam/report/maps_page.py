@@ -131,15 +131,11 @@ def _table(robots: Mapping[str, MappedRobot]) -> Table:
         *("robot", "recording", "#scans used", "#of", "#key\u00adframes", "#driven [m]", "#duration [s]"),
         *("#loops closed", "#moved by loops [m]", "#known [m²]", "#cell [m]"),
     )
-    rows = [row for name, robot in robots.items() for row in _rows(name, robot)]
+    rows = [_row(name, robot, drive) for name, robot in robots.items() for drive in robot.tbm_map.drives]
     note = "“Moved by loops” is the largest distance by which loop closures and walls moved the drive."
     if len(robots) > MOST_SHEETS:
         note += f" Only the first {MOST_SHEETS} of {len(robots)} maps are shown above."
     return Table("Robots", heads, rows, note)
-
-
-def _rows(name: str, robot: MappedRobot) -> list[list[str]]:
-    return [_row(name, robot, drive) for drive in robot.tbm_map.drives]
 
 
 def _row(name: str, robot: MappedRobot, drive: Drive) -> list[str]:
