@@ -54,7 +54,7 @@ def draw_pair(target: WallMap, source: WallMap, T_target_source: SE2, config: Ve
         max(target.geometry.resolution, source.geometry.resolution),
     )
     centres = _pixels_of(canvas)
-    known = _is_known(target, centres).astype(int) + _is_known(source, T_target_source.inverse().apply(centres))
+    known = target.knows(centres).astype(int) + source.knows(T_target_source.inverse().apply(centres))
     picture = np.choose(known, (_NEITHER, _ONE, _BOTH)).astype(np.uint8).reshape(canvas.rows, canvas.cols)
     forth = _compared(source, target, T_target_source, config)
     back = _compared(target, source, T_target_source.inverse(), config)
@@ -69,7 +69,7 @@ def draw_pair(target: WallMap, source: WallMap, T_target_source: SE2, config: Ve
 def draw_alone(structure: WallMap) -> bytes:
     """Return a PNG of the walls of one map."""
     canvas = _canvas_over(_corners(structure, SE2.identity()), structure.geometry.resolution)
-    known = _is_known(structure, _pixels_of(canvas))
+    known = structure.knows(_pixels_of(canvas))
     picture = np.where(known, np.uint8(_ONE), np.uint8(_NEITHER)).reshape(canvas.rows, canvas.cols)
     _paint(picture, canvas, structure.points, _TARGET)
     return _PALETTE.png(np.ascontiguousarray(picture[::-1]))
@@ -82,11 +82,6 @@ def _corners(structure: WallMap, T_canvas_map: SE2) -> FloatArray:
         rows = cols = np.zeros(1, dtype=int)
     known = structure.geometry.part(int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1)
     return corners_of(known, T_canvas_map)
-
-
-def _is_known(structure: WallMap, points: FloatArray) -> BoolArray:
-    rows, cols, inside = structure.geometry.cells_at(points)
-    return np.asarray(inside & (structure.states[rows, cols] > 0))
 
 
 def _compared(

@@ -200,8 +200,7 @@ def _evidence(
 
 def _overlap_m2(target: WallMap, source: WallMap, T_target_source: SE2) -> float:
     centres, cell_m2 = source.some_known
-    rows, cols, inside = target.geometry.cells_at(T_target_source.apply(centres))
-    return float(np.count_nonzero(inside & (target.states[rows, cols] > 0))) * cell_m2
+    return float(np.count_nonzero(target.knows(T_target_source.apply(centres)))) * cell_m2
 
 
 def count_pieces(target: WallMap, source: WallMap, T_target_source: SE2, limits: Limits) -> Pieces:

@@ -238,6 +238,11 @@ class WallMap:
         step = self.geometry.resolution
         return self.geometry.centres_of(rows, cols), step**2 * len(cells) / max(len(rows), 1)
 
+    def knows(self, points: FloatArray) -> BoolArray:
+        """Return which points (N, 2) [m] of the map's frame lie in known cells."""
+        rows, cols, inside = self.geometry.cells_at(points)
+        return np.asarray(inside & (self.states[rows, cols] > 0))
+
     def cut(self, rows: tuple[int, int], cols: tuple[int, int]) -> "WallMap":
         """Return the part of some rows and columns, each given by its first and the one after its last.
 

@@ -91,8 +91,7 @@ class Deformation:
         """
         points, _ = source.some_known
         moved = self.apply(points)
-        rows, cols, inside = target.geometry.cells_at(moved)
-        common = inside & (target.states[rows, cols] > 0)
+        common = target.knows(moved)
         if np.count_nonzero(common) < _LEAST_COMMON:
             return self.nearest_rigid()
         return fit_rigid(moved[common], points[common])[0]

@@ -86,6 +86,13 @@ def test_points_outside_the_map_are_marked():
     assert (rows[2], cols[2]) == (49, 59)
 
 
+def test_what_lies_in_a_known_cell_is_known_and_nothing_outside_the_map():
+    grid = TbmGrid.unknown(GridGeometry(0.1, 0.0, 0.0, 4, 4))
+    grid.masses[:, 2:] = (0.0, 1.0, 0.0, 0.0)
+    known = WallMap.from_grid(grid, StructureConfig()).knows(np.array([(0.35, 0.15), (0.45, 0.15), (0.15, 0.15)]))
+    np.testing.assert_array_equal(known, [True, False, False])
+
+
 def test_cells_that_touch_are_a_piece():
     cells = np.zeros((6, 8), dtype=bool)
     cells[1, 1:4] = cells[2, 4] = cells[5, 7] = True  # the second touches the first at a corner
