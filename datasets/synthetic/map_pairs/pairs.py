@@ -1,7 +1,7 @@
 """Pairs and sets of maps of one building whose relative poses are known."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -116,10 +116,8 @@ def cut_pairs(
 def disjoint_pair(building: Building, seed: int, draw: Draw = Distortion.draw) -> MapPair:
     """Return maps of two disjoint ends of a building: different places of the same style."""
     rng = np.random.default_rng([seed, 1])
-    part_a, part_b = explored_parts(building, 0.0, rng)
-    name = f"negs_{building.name}_{seed}"
-    pair = _distorted_pair(name, building, (part_a, part_b), 0.0, rng, draw)
-    return MapPair(name, pair.occ_a, pair.occ_b, pair.resolution, None, 0.0)
+    parts = explored_parts(building, 0.0, rng)
+    return replace(_distorted_pair(f"negs_{building.name}_{seed}", building, parts, 0.0, rng, draw), T_a_b=None)
 
 
 def foreign_pair(first: Building, second: Building, seed: int, draw: Draw = Distortion.draw) -> MapPair:
