@@ -191,9 +191,7 @@ def most_known_first(maps: Mapping[str, TbmMap], names: Iterable[str]) -> list[s
     names = list(names)
     if len(names) == 1:
         return names
-    grids = {name: maps[name].grid for name in names}
-    known_m2 = {name: grid.known_m2() for name, grid in grids.items()}
-    return sorted(names, key=lambda name: -known_m2[name])
+    return sorted(names, key=lambda name: -maps[name].grid.known_m2())
 
 
 def _check_extent(maps: Mapping[str, TbmMap], poses: Mapping[str, SE2], config: MergeConfig) -> None:
