@@ -189,8 +189,7 @@ class ClosingTargets:
         """Return a target as a submap; the most recent ones are kept."""
         submap = self._submaps.pop(target, None)
         if submap is None:
-            first, last = int(self._firsts[target]), int(self._lasts[target])
-            submap = Submap(first, last, self._hits, self._config, self._surfels)
+            submap = Submap(*self.stretch(target), self._hits, self._config, self._surfels)
         self._submaps[target] = submap
         if len(self._submaps) > _SUBMAPS_KEPT:
             del self._submaps[next(iter(self._submaps))]
