@@ -6,7 +6,7 @@ import importlib
 import re
 import secrets
 import socket
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -74,29 +74,27 @@ class Cluster:
             _call_checked, packages, code_digest(*packages), call, *arguments, key=f"{name}-{self._run}"
         )
 
-    def results(self, submitted: Iterable[Any]) -> Iterator[Any]:
-        """Yield the results of calls, in the order given.
+    def result(self, future: Any) -> Any:
+        """Return the result of a call that was submitted.
 
-        Raises what a call raised, or a `ClusterError` if a call's workers died again and again, or the scheduler is
-        gone.
+        Raises what the call raised, or a `ClusterError` if its workers died again and again, or the scheduler is gone.
         """
         from distributed import CancelledError  # noqa: PLC0415 - an extra, and slow to load
         from distributed.comm.core import CommClosedError  # noqa: PLC0415
         from distributed.scheduler import KilledWorker  # noqa: PLC0415
 
-        for future in submitted:
-            try:
-                yield future.result()
-            except KilledWorker:
-                name = future.key.rpartition("-")[0]
-                raise ClusterError(
-                    f"{name}: every worker that ran it died, perhaps out of memory: see the logs of the workers"
-                ) from None
-            except (CancelledError, CommClosedError, TimeoutError) as error:
-                raise ClusterError(
-                    f"{self._address}: the connection to the scheduler was lost ({type(error).__name__}): run again "
-                    f"when it is available; finished work is kept"
-                ) from None
+        try:
+            return future.result()
+        except KilledWorker:
+            name = future.key.rpartition("-")[0]
+            raise ClusterError(
+                f"{name}: every worker that ran it died, perhaps out of memory: see the logs of the workers"
+            ) from None
+        except (CancelledError, CommClosedError, TimeoutError) as error:
+            raise ClusterError(
+                f"{self._address}: the connection to the scheduler was lost ({type(error).__name__}): run again "
+                f"when it is available; finished work is kept"
+            ) from None
 
 
 def _hear_scheduler(host: str, port: int) -> None:

@@ -120,7 +120,7 @@ class Executor:
                 inputs = {name: cluster.submit(name, call.function, *call.arguments) for name, call in _inputs(calls)}
                 futures = [cluster.submit(call.name, call.function, *_resolved(call, inputs.get)) for call in calls]
                 for future in self._shown(futures, step, unit):
-                    yield _outcome(lambda future=future: next(cluster.results([future])))  # type: ignore[misc]
+                    yield _outcome(partial(cluster.result, future))
         elif self.is_serial(len(calls)):
             made = _MadeInputs(dict(_inputs(calls)), most_inputs)
             for call in self._shown(calls, step, unit):
