@@ -188,20 +188,6 @@ def surfel(points, cell, resolution, noise, point_size, clutter, certain_count):
     return mean, information, weight
 
 
-def pieces(points, resolution, straight):
-    """Return the covariances (N, 2, 2) of the pieces of wall that hits stand for."""
-    found = np.zeros((len(points), 2, 2))
-    for i in range(1, len(points) - 1):
-        before, after = points[i] - points[i - 1], points[i + 1] - points[i]
-        along = (before + after) / np.linalg.norm(before + after)
-        across = np.array([-along[1], along[0]])
-        beam = points[i] / np.linalg.norm(points[i])
-        if abs(across @ before) < straight * abs(across @ beam) and before @ after > 0:
-            length = min(np.linalg.norm(before), np.linalg.norm(after), 3 * resolution)
-            found[i] = length**2 / 12 * np.outer(along, along)
-    return found
-
-
 def facing_normals(points, apart, longest):
     """Turn the line between neighbours by a quarter and let it face the origin."""
     normals = []

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.kernels import FloatArray, Pose, kernel, part
-from tbmslam.kernels.arrays import cleared
 from tbmslam.kernels.rays.lattice import Lattice
 
 SurfelArray = npt.NDArray[np.float32]
@@ -27,10 +26,6 @@ TILE_BITS, IN_TILE = SIDE.bit_length() - 1, SIDE - 1
 FACING = (0.7986, 0.6018)
 """Surfaces with normals in this half plane belong to layer 1; it is oblique to walls along the axes of the map."""
 
-STRAIGHT = 0.02
-"""A hit lies on a wall with its two neighbours if its range differs by less from that of the line through them [m]: two
-standard deviations of a usual laser. The distance from the line says less: beams along a wall miss recesses."""
-
 
 class Surfels(NamedTuple):
     """The arrays of a surfel map; at least two cells lie beside a cell with hits on every side."""
@@ -38,8 +33,7 @@ class Surfels(NamedTuple):
     tiles: TileIndex
     """Numbers (2, rows / SIDE, cols / SIDE) of the tiles of each layer. A tile's cells have consecutive slots."""
     moments: SurfelArray
-    """(slots, 6): number of hits in a cell, sums of x, y, x^2, x y and y^2 from its centre [cells]. The squares include
-    the variances of `pieces_of`."""
+    """(slots, 6): number of hits in a cell, sums of x, y, x^2, x y and y^2 from its centre [cells]."""
     fits: SurfelArray
     """(slots, 8): mean x and y [m] of the hits in a cell and around it, information xx, xy, yy of an offset from the
     mean [1/m^2], and a weight. The weight is in [0, 1], zero without a surface, and negative if hits were added after
@@ -129,44 +123,8 @@ def _claim_tile(tiles: TileIndex, layer: int, row: int, col: int, used: int) -> 
 
 
 @part
-def pieces_of(points: FloatArray, pose: Pose, resolution: float) -> FloatArray:
-    """Return the variances xx, xy and yy (N, 3) of the pieces of surface that hits stand for [cells^2].
-
-    Where beams meet a wall at a flat angle, their hits are far apart. A surfel may then hold the hits of one beam only.
-    Scans from one place repeat these hits. They look like a small object, but do not tell how far along the wall the
-    robot is. So a hit at the range of the line through its neighbours stands for a piece of the wall. The piece is as
-    long as the gap to the nearer neighbour, and at most as long as the hits of a surfel reach. The variance along a
-    piece of length L is L^2 / 12. Other hits have no piece. The points (N, 2) [m] are in the laser's frame at the pose,
-    in the order of the beams.
-    """
-    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
-    pieces = cleared(np.empty((len(points), 3)))
-    for i in range(1, len(points) - 1):
-        x, y = points[i, 0], points[i, 1]
-        before_x, before_y = x - points[i - 1, 0], y - points[i - 1, 1]
-        after_x, after_y = points[i + 1, 0] - x, points[i + 1, 1] - y
-        dx, dy = before_x + after_x, before_y + after_y
-        # The line is |off| / |(dx, dy)| away from the hit, and along the beam it is |off (x, y)| / |facing| away.
-        off, facing = dx * before_y - dy * before_x, dx * y - dy * x
-        is_straight = off * off * (x * x + y * y) < STRAIGHT * STRAIGHT * facing * facing
-        if not is_straight or after_x * before_x + after_y * before_y <= 0.0:
-            continue
-        squared = dx * dx + dy * dy
-        gap = min(before_x * before_x + before_y * before_y, after_x * after_x + after_y * after_y)
-        longest = 3.0 * resolution
-        scale = min(gap, longest * longest) / (12.0 * squared * resolution * resolution)
-        along_x, along_y = cosine * dx - sine * dy, sine * dx + cosine * dy
-        pieces[i, 0], pieces[i, 1], pieces[i, 2] = (
-            scale * along_x * along_x,
-            scale * along_x * along_y,
-            scale * along_y * along_y,
-        )
-    return pieces
-
-
-@part
-def add_hits(surfels: SurfelArrays, cells: Cells, offsets: FloatArray, pieces: FloatArray) -> None:
-    """Add hits in the form of `cells_of`, and their `pieces_of`; their tiles must be claimed and allocated."""
+def add_hits(surfels: SurfelArrays, cells: Cells, offsets: FloatArray) -> None:
+    """Add hits in the form of `cells_of`; their tiles must be claimed and allocated."""
     tiles, moments, fits, _, _ = surfels
     last_row, last_col, last_layer, slot = -1, -1, -1, np.uint32(0)
     for i in range(len(cells)):
@@ -181,18 +139,17 @@ def add_hits(surfels: SurfelArrays, cells: Cells, offsets: FloatArray, pieces: F
         moments[slot, 0] += np.float32(1.0)
         moments[slot, 1] += np.float32(dx)
         moments[slot, 2] += np.float32(dy)
-        moments[slot, 3] += np.float32(dx * dx + pieces[i, 0])
-        moments[slot, 4] += np.float32(dx * dy + pieces[i, 1])
-        moments[slot, 5] += np.float32(dy * dy + pieces[i, 2])
+        moments[slot, 3] += np.float32(dx * dx)
+        moments[slot, 4] += np.float32(dx * dy)
+        moments[slot, 5] += np.float32(dy * dy)
 
 
 @kernel
 def insert_hits(surfels: SurfelArrays, used: int, points: FloatArray, normals: FloatArray, pose: Pose) -> int:
     """Add hits (N, 2) [m] and their normals (N, 2) of a frame at a pose, if the arrays are large enough.
 
-    The hits are in the order of the beams, in the laser's frame. Returns the number of tiles in use. If the arrays have
-    fewer tiles, no hit was added. Returns -1 if hits lie outside the lattice or within two cells of its border. The
-    memory of tiles that were not in use may hold anything.
+    Returns the number of tiles in use. If the arrays have fewer tiles, no hit was added. Returns -1 if hits lie outside
+    the lattice or within two cells of its border. The memory of tiles that were not in use may hold anything.
     """
     tiles, moments, fits, lattice, _ = surfels
     cells, offsets = cells_of(points, normals, pose, lattice)
@@ -208,7 +165,7 @@ def insert_hits(surfels: SurfelArrays, used: int, points: FloatArray, normals: F
         for k in range(fits.shape[1]):
             fits[slot, k] = 0.0
     if used * CELLS <= len(moments):
-        add_hits(surfels, cells, offsets, pieces_of(points, pose, lattice[0]))
+        add_hits(surfels, cells, offsets)
     return used
 
 

@@ -26,10 +26,10 @@ def facing_origin(points):
 
 
 def inserted(surfels, used, points, normals):
-    """Insert hits in the map's frame, in any order, and return how many tiles are in use then."""
+    """Insert hits in the map's frame, and return how many tiles are in use then."""
     cells, offsets = cells_of(points, normals, (0.0, 0.0, 0.0), LATTICE)
     used = claim_tiles(surfels.tiles, used, cells)
-    add_hits(surfels, cells, offsets, np.zeros((len(points), 3)))
+    add_hits(surfels, cells, offsets)
     return used
 
 

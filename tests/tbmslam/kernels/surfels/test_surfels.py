@@ -10,14 +10,12 @@ from tbmslam.kernels.surfels.surfel_alignment import NOWHERE, align, composed, l
 from tbmslam.kernels.surfels.surfels import (
     CELLS,
     FACING,
-    STRAIGHT,
     Surfels,
     cells_of,
     extent,
     fit_surfel,
     insert_hits,
     layer_of,
-    pieces_of,
     slot_of,
 )
 from tests import reference
@@ -289,53 +287,6 @@ def test_hits_lie_in_the_cells_of_where_their_frame_is(generator):
     np.testing.assert_array_equal(cells[:, 1::-1], np.floor(lattice).astype(int) + 60)
     np.testing.assert_array_equal(cells[:, 2], [layer_of(*normal) for normal in normals @ turn.T])
     np.testing.assert_allclose(offsets, lattice - np.floor(lattice) - 0.5, atol=1e-9)
-
-
-BEAMS = np.radians(np.arange(-180.0, 180.0))
-
-
-def seen_corridor(generator):
-    """The hits, by a laser with a beam for each degree, on the two long walls of a corridor three metres wide."""
-    ranges = 1.5 / np.maximum(np.abs(np.sin(BEAMS)), 1e-9) + generator.normal(0.0, 0.01, len(BEAMS))
-    ranges[ranges > 5.5] = np.inf
-    points, normals = hits_of_scan(ranges, BEAMS[0], BEAMS[1] - BEAMS[0], (0.0, 0.0, 0.0), 40.0)
-    return points, normals
-
-
-def test_the_pieces_of_hits_are_those_of_the_slow_twin(generator):
-    points, _ = seen_corridor(generator)
-    points = np.vstack((points, generator.uniform(-3.0, 3.0, (100, 2))))
-    turn = np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])
-    slow = turn @ reference.pieces(points, RESOLUTION, STRAIGHT) @ turn.T / RESOLUTION**2
-    pieces = pieces_of(points, (0.3, -0.2, 0.7), RESOLUTION)
-    np.testing.assert_allclose(pieces, slow[:, [0, 0, 1], [0, 1, 1]], atol=1e-9)
-    assert (pieces[:, 0] > 0.0).sum() > 20
-
-
-def test_hits_of_single_beams_along_a_wall_are_no_points(generator):
-    """Also the ablation: without pieces a robot that stood in a corridor knows where it is along the corridor."""
-    known = []
-    for is_point in (False, True):
-        surfels = surfels_of(np.zeros((0, 2)))
-        used = 1
-        for _ in range(5):
-            points, normals = seen_corridor(generator)
-            if is_point:
-                used = inserted(surfels, used, points, normals)
-            else:
-                used = insert_hits(plain(surfels), used, points, normals, (0.0, 0.0, 0.0))
-        points, normals = seen_corridor(generator)
-        _, hessian, _ = linearised(surfels, points, normals, (0.0, 0.0, 0.0), 4.0)
-        known.append(hessian[0, 0] / hessian[1, 1])
-    assert known[0] < 0.2 * known[1]
-
-
-def test_a_hit_on_the_side_of_a_shallow_recess_is_a_point():
-    """It is 1.5 cm from the line through its neighbours, but the beam would have gone on for half a metre."""
-    along_wall = np.array([[6.0, 0.2], [6.5, 0.215], [7.0, 0.2]])
-    assert not pieces_of(along_wall, (0.0, 0.0, 0.0), RESOLUTION).any()
-    across_view = np.array([[-0.5, 3.0], [0.0, 3.015], [0.5, 3.0]])
-    assert pieces_of(across_view, (0.0, 0.0, 0.0), RESOLUTION)[1, 0] > 0.0
 
 
 @pytest.mark.parametrize(("x", "used", "found"), [(5.85, 2, -1), (1.0, 10**6, 10**6 + 1)])
