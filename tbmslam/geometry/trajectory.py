@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angles
+from tbmslam.geometry.se2 import SE2, FloatArray, compose
 
 
 @dataclass(frozen=True, repr=False)
@@ -40,10 +40,7 @@ class Trajectory:
 
     def transformed(self, T_new_old: SE2) -> "Trajectory":
         """Return the trajectory in another frame."""
-        moved = np.empty_like(self.poses)
-        moved[:, :2] = T_new_old.apply(self.poses[:, :2])
-        moved[:, 2] = wrap_angles(self.poses[:, 2] + T_new_old.theta)
-        return Trajectory(self.stamps, moved)
+        return Trajectory(self.stamps, compose(np.array([T_new_old]), self.poses))
 
     def driven(self) -> float:
         """Return the driven distance [m]; motions within `_REST_M` of the last counted position are ignored.

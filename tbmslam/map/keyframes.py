@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tbmslam.geometry.se2 import SE2, FloatArray, compose
-from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.sensing.laser_scan import LaserScan
 
 
@@ -115,4 +114,4 @@ class Keyframes:
 
     def transformed(self, T_new_old: SE2) -> "Keyframes":
         """Return the same keyframes in another frame."""
-        return replace(self, poses=Trajectory(self.stamps, self.poses).transformed(T_new_old).poses)
+        return replace(self, poses=compose(np.array([T_new_old]), self.poses))
