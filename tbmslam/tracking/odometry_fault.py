@@ -71,13 +71,14 @@ class OdometryFault:
         if not self.is_suspected:
             self.forget()
 
-    def remember(self, T_odometry_scan: SE2, deviations: Deviations) -> None:
+    def remember(self, by_odometry: SE2, by_scan: SE2, deviations: Deviations) -> None:
         """Remember how the scan of a keyframe corrected the pose by odometry, if a fault is suspected.
 
-        `T_odometry_scan` is the pose by odometry times the inverse of the pose by the scan, in the map's frame.
+        Both poses are those of one frame of the robot in the map.
         """
         if self.is_suspected:
-            self._T_before_now = (self._T_before_now or SE2.identity()) @ T_odometry_scan
+            correction = by_odometry @ by_scan.inverse()
+            self._T_before_now = (self._T_before_now or SE2.identity()) @ correction
             along, across, turn = (v + d * d for v, d in zip(self._variances, deviations, strict=True))
             self._variances = along, across, turn
 

@@ -139,8 +139,8 @@ class SurfelTracker:
         self._rest, self._in_vain = 0, 1.0
         self._scans_before = RecentScans()
         self._fault = OdometryFault()
-        # Of the last scan, where odometry and scan both place it: arguments of `OdometryFault.observe` and `remember`.
-        self._surprise: tuple[tuple[float, float, float], tuple[SE2, Deviations]] | None = None
+        # Of the last scan, where odometry and scan both place it: arguments of `OdometryFault.observe`, and both poses.
+        self._surprise: tuple[tuple[float, float, float], tuple[PosePrior, SE2, SE2]] | None = None
         tolerances = np.array(config.tolerances)
         self._search = FREEDOM, config.correlation_length, math.inf, tolerances, config.max_points, config.iterations
         self._narrow = *self._search[:3], tolerances[-1:], *self._search[4:]
@@ -187,7 +187,7 @@ class SurfelTracker:
             return _unmatched(result, prior, between, T_robot_sensor, is_lost or is_by_chance)
         if prior.by_odometry:
             costs = result.surprise, faulty, math.inf if returned is None else returned.cost(result.pose)
-            self._surprise = costs, (prior.mean @ T_robot_sensor @ result.pose.inverse(), prior.deviations)
+            self._surprise = costs, (prior, T_robot_sensor, result.pose)
         trust = _LOST_TRUST if is_lost else student_weight(result.surprise, 3)
         return ScanMatch(result.pose, _least_share(result), True, result.hessian, trust, is_lost)
 
@@ -304,9 +304,9 @@ class SurfelTracker:
             self._recent.clear()
             self._travelled = 0.0
         if self._surprise is not None:
-            costs, correction = self._surprise
+            costs, (prior, T_robot_sensor, by_scan) = self._surprise
             self._fault.observe(*costs)
-            self._fault.remember(*correction)
+            self._fault.remember(prior.mean @ T_robot_sensor, by_scan, prior.deviations)
         hits = self._hits_of(scan)
         self._map.insert(hits, pose)
         self._recent.append((hits, pose))

@@ -49,13 +49,13 @@ def test_faulty_odometry_costs_what_its_volume_says() -> None:
 
 def test_the_odometry_before_a_fault_is_remembered_until_it_ends() -> None:
     fault, pose = OdometryFault(), SE2(3.0, 1.0, 0.5)
-    fault.remember(SE2(0.3, 0.1, 0.2), _DEVIATIONS)
+    fault.remember(SE2(0.3, 0.1, 0.2), SE2.identity(), _DEVIATIONS)
     assert fault.returned(pose, _DEVIATIONS) is None  # without a fault every correction counts
     by_odometry, by_scans = (SE2(1.0, 0.0, 1.0), SE2(2.2, 0.5, -1.0)), (SE2(0.5, 0.2, 0.3), SE2(1.5, 0.7, 0.1))
     anchor = SE2.identity()  # the odometry's frame in the map
     for odometry, scan in zip(by_odometry, by_scans, strict=True):
         fault.observe(_IMPOSSIBLE, _FAULTY)
-        fault.remember(anchor @ odometry @ scan.inverse(), _DEVIATIONS)
+        fault.remember(anchor @ odometry, scan, _DEVIATIONS)
         anchor = scan @ odometry.inverse()
     found = fault.returned(anchor @ pose, _DEVIATIONS)
     assert found is not None
@@ -68,7 +68,7 @@ def test_the_odometry_before_a_fault_is_remembered_until_it_ends() -> None:
 def test_odometry_that_began_anew_has_no_pose_before_the_fault() -> None:
     fault = OdometryFault()
     fault.observe(_IMPOSSIBLE, _FAULTY)
-    fault.remember(SE2(0.3, 0.1, 0.2), _DEVIATIONS)
+    fault.remember(SE2(0.3, 0.1, 0.2), SE2.identity(), _DEVIATIONS)
     assert fault.returned(SE2.identity(), _DEVIATIONS) is not None
     fault.forget()
     assert fault.is_suspected

@@ -247,7 +247,7 @@ def test_one_wrong_reading_of_the_odometry_does_not_shift_what_follows(tracker, 
 
 def test_odometry_that_began_anew_does_not_return(tracker):
     tracker._fault.probability = 0.9
-    tracker._fault.remember(SE2(0.0, 0.0, 0.5), DEVIATIONS)
+    tracker._fault.remember(SE2(0.0, 0.0, 0.5), SE2.identity(), DEVIATIONS)
     by_inertia = prior_at(SE2.identity())._replace(by_odometry=False)
     tracker.match(room_scan(SE2.identity(), 1.0), by_inertia, SE2.identity())
     assert tracker._fault.returned(SE2.identity(), DEVIATIONS) is None
