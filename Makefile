@@ -4,6 +4,8 @@ BIN := .venv/bin
 JOBS ?= 2
 DEMO_ROBOTS := robot_0 robot_1 robot_2
 export OPENBLAS_NUM_THREADS := 1
+# Without compiled modules, each of the programs that the tests start would parse all modules again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo paper confidence figures docs site test slow check install develop clean kernel-coverage fuzz faults mutants
 
