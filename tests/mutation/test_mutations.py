@@ -2,10 +2,11 @@
 
 import ast
 import textwrap
+import tomllib
 
 import pytest
 
-from tests.mutation.mutants import ROOT, drawn, equivalent, nearest_tests, scores
+from tests.mutation.mutants import HERE, ROOT, drawn, equivalent, nearest_tests, scores
 from tests.mutation.mutations import Mutation, mutated, mutations
 
 SOURCE = textwrap.dedent(
@@ -64,6 +65,11 @@ def test_a_mutation_is_found_again_after_lines_moved():
     assert mutated(b"\n\n" + SOURCE.encode(), mutation).endswith(b"    return x if True else math.sin(x)\n")
     with pytest.raises(ValueError, match="no line says 'return 0' any more"):
         mutated(SOURCE.encode(), Mutation(13, "    return 0", 11, "0", "1"))
+
+
+def test_every_place_of_an_area_exists():
+    areas = tomllib.loads((HERE / "areas.toml").read_text(encoding="utf-8"))
+    assert [place for places in areas.values() for place in places if not (ROOT / place).exists()] == []
 
 
 def test_those_drawn_can_still_be_planted_or_are_accounted_for():
