@@ -1,7 +1,8 @@
 """Measure speed, memory and errors of mapping and merging.
 
-`slam` maps recordings and simulated worlds with each preset, each in its own process. `scaling` measures the cost of a
-scan on long simulated drives. `align` aligns pairs of maps with known relative poses, and checks the confidence.
+`slam` maps recordings and simulated worlds with one or more presets, each run in its own process. `scaling` measures
+the cost of a scan on long simulated drives. `align` aligns pairs of maps with known relative poses, and checks the
+confidence.
 `merge` measures a merge by area, and compares it with the paper's program. `fleet` merges many maps of many buildings.
 `split` cuts recordings into robots, maps and merges them, and compares the result with the whole recording. `perturb`
 measures the errors of recordings with small changes. `strangers` counts false merges of maps of different places.
@@ -35,7 +36,7 @@ EXAMPLES = """examples:
   tbmslam benchmark slam --world office:1:poor --world variety:1:ignored,beams=361 --seeds 10
       a drive through each of ten buildings, and the worst of them
   tbmslam benchmark align map-pairs/ --details
-      every .npz pair of a folder (docs/confidence.md), with a line for each wrong pair
+      every .npz pair of a folder (as tools/make_map_pairs.py writes them), with a line for each wrong pair
   tbmslam benchmark align map-pairs/ --method all
       all methods in one table, with those of the related work
   tbmslam benchmark split intel.bag,angle_step_deg=1.0 mit-csail.bag --robots 2,3
@@ -102,8 +103,9 @@ def _add_scaling(scaling: argparse.ArgumentParser) -> None:
 
 def _add_preset(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--preset", type=_presets, default="default", metavar="NAME,...", help="presets to run, or all (default)"
-    )
+        "--preset", type=_presets, default="default", metavar="NAME,...",
+        help="presets to run, or all; without it the preset default",
+    )  # fmt: skip
 
 
 def _add_align(align: argparse.ArgumentParser) -> None:

@@ -36,7 +36,8 @@ EXAMPLES = """examples:
   tbmslam map recordings/ --separate --workers 8 --config mine.toml -o out/all
       every recording of a directory, eight at a time, with changed parameters; a second run continues the first
 
-exit codes: 0 done, 1 error, described in one line (finished robots are kept), 2 wrong usage, 130 interrupted
+exit codes: 0 done, 1 error, described in one line (finished robots are kept), 2 wrong usage, 130 interrupted,
+143 terminated
 """
 
 MOST_ROBOTS = 10_000
@@ -86,7 +87,7 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
         "--split",
         choices=("distance", "time", "gaps"),
         default="distance",
-        help="split by distance, by time, or at gaps (see --gap) (distance)",
+        help="split by distance, by time, or at gaps (see --gap), default: distance",
     )
     robots.add_argument(
         "--overlap", type=float, default=0.3, metavar="F", help="common share of neighbours' paths (0.3)"
@@ -97,7 +98,7 @@ def _add_robots(robots: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
     robots.add_argument(
         "--frames", choices=("private", "odometry"), default="private",
-        help="a random frame for each robot, or that of the odometry (private)",
+        help="private: a random frame for each robot; odometry: the odometry frame (private)",
     )  # fmt: skip
     robots.add_argument(
         "--seed", type=number_within(int, 0),

@@ -16,7 +16,7 @@ EXAMPLES = """examples:
   tbmslam completion zsh > ~/.zfunc/_tbmslam
       for zsh, if ~/.zfunc is in its fpath
 
-exit codes: 0 done, 2 wrong usage, 130 interrupted
+exit codes: 0 done, 2 wrong usage, 130 interrupted, 143 terminated
 """
 
 

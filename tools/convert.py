@@ -43,9 +43,11 @@ def parser(program: str = "convert") -> argparse.ArgumentParser:
     grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("map", type=path_argument, metavar="MAP", help="folder or file of a map")
     grammar.add_argument("out", type=path_argument, metavar="OUT", help="folder or file to write")
-    picture = grammar.add_argument_group("size of a pixel of a picture")
-    picture.add_argument("--resolution", type=float, metavar="M", help="side of a pixel")
-    picture.add_argument("--origin", type=float, nargs=2, metavar=("X", "Y"), help="its lower left corner (0 0)")
+    picture = grammar.add_argument_group("place of a picture")
+    picture.add_argument("--resolution", type=float, metavar="M", help="side of a pixel [m]")
+    picture.add_argument(
+        "--origin", type=float, nargs=2, metavar=("X", "Y"), help="lower left corner of the picture [m] (0 0)"
+    )
     grammar.add_argument("--debug", action="store_true", help="show a traceback when something fails")
     return grammar
 

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 EXAMPLES = """examples:
   tbmslam edit out/one/run --align-axes --crop -5 -5 30 20 -o out/plan
       walls along the axes, then only a rectangle
-  tbmslam edit out/one/run --erase 3 4 5 6 --wall 0 2 0 8 --keepout 10 0 12 4 -o out/plan
+  tbmslam edit out/one/run --erase 3 4 5 6 --wall 0 2 0 8 --keepout 10 0 12 4 -o out/cleaned
       a parked trolley erased, a glass wall drawn, an area forbidden (keepout.yaml for nav2)
-  tbmslam edit out/two/run --edits out/plan/edits.toml -o out/plan-two
-      the same edits of a map built again in the same frame
+  tbmslam edit out/again/run --edits out/plan/edits.toml -o out/plan-again
+      the same edits of a map that was built again in the same frame
 
 Edits are applied in the order of the command line, those of --edits first. Coordinates are metres in the frame that the
 map has by then. The edits.toml and the forbidden areas of an edited MAP are continued. The result keeps trajectories
@@ -52,7 +52,7 @@ def parser(program: str = "edit") -> argparse.ArgumentParser:
     grammar = ProgramParser(prog=program, description=__doc__, epilog=EXAMPLES)
     grammar.add_argument("map", type=path_argument, metavar="MAP", help="folder or file of a map")
     grammar.add_argument("-o", "--out", type=path_argument, required=True, help="folder for the edited map")
-    edits = grammar.add_argument_group("edits; each may be repeated")
+    edits = grammar.add_argument_group("edits; each but --edits may be repeated")
     edits.set_defaults(wanted=None)
     for name, about in (
         ("crop", "keep this rectangle"),

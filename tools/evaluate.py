@@ -24,10 +24,12 @@ EXAMPLES = """examples:
   tbmslam evaluate map out/office/merged --truth floor-plan.yaml --transform 12 30 0 --align 5
       the same on a floor plan, with a pose that is known to five metres
 
-figures of a map: known_both, known_map and known_truth count cells. agree is the share of equal cells among the cells
-known to both; agree_nearby also accepts a neighbouring cell. agree_occupied and agree_free are the shares of the map's
-occupied and free cells, found_occupied and found_free those of the true cells. wall_distance_m is the mean distance of
-the map's walls to the nearest true wall
+figures of a map: known_map, known_truth and known_both count the cells that are known in the map, in the truth and in
+both. All other figures consider only the cells known in both. agree is the share of cells that are equal. agree_nearby
+also accepts a neighbouring cell. agree_occupied is the share of the map's occupied cells that are occupied in the
+truth. agree_free is the share of the map's free cells that are free in the truth. found_occupied is the share of the
+truly occupied cells that are occupied in the map. found_free is the share of the truly free cells that are free in the
+map. wall_distance_m is the mean distance from the map's walls to the nearest true wall.
 """
 
 

@@ -49,7 +49,7 @@ EXAMPLES = """examples:
       the pose of robot_0 in the plan's frame is about 12.5 m, -3 m and 90 degrees
 
 exit codes: 0 merged, 1 error, described in one line, 2 wrong usage, 3 no two maps could be merged (see the
-report), 130 interrupted
+report), 130 interrupted, 143 terminated
 """
 
 
@@ -164,7 +164,10 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
         help="pose of a map, by its name in the report, in the first map's frame, known to a metre and ten degrees; "
         "the map is placed there and refined locally; may be repeated",
     )  # fmt: skip
-    finding.add_argument("--compare-at", type=float, metavar="M", help="cell size for comparing, default: the coarsest")
+    finding.add_argument(
+        "--compare-at", type=float, metavar="M",
+        help="cell size for comparing, default: the larger one of each pair",
+    )  # fmt: skip
     finding.add_argument(
         "--workers", type=number_within(int, 1), default=1, metavar="N", help="processes that align pairs, default: 1"
     )
@@ -172,7 +175,7 @@ def _add_finding(finding: argparse._ArgumentGroup) -> None:
         "--scheduler", metavar="ADDRESS", help="Dask scheduler that aligns the pairs, e.g. tcp://10.0.0.1:8786"
     )
     finding.add_argument(
-        "--rigid", action="store_true", help="merge rigid maps: deform no map, and optimise no drives jointly"
+        "--rigid", action="store_true", help="deform no map of the result, and optimise no drives of it jointly"
     )
 
 
@@ -190,8 +193,9 @@ def _add_fusing(fusing: argparse._ArgumentGroup) -> None:
         help="reliability of a map, by its name in the report, between 0 and 1; may be repeated",
     )  # fmt: skip
     fusing.add_argument(
-        "--resolution", type=float, metavar="M", help="cell size of the merged map, default: that of the first map"
-    )
+        "--resolution", type=float, metavar="M",
+        help="cell size of the merged map, default: that of the first merged map",
+    )  # fmt: skip
 
 
 def _reliability(text: str) -> tuple[str, float]:

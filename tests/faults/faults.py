@@ -24,7 +24,7 @@ EXAMPLES = """examples:
   python tests/faults/%(prog)s.py --short --family bags
       only the quickest of the damaged bags
 
-exit codes: 0 no row is red, 1 some are, 2 wrong usage, 130 interrupted
+exit codes: 0 no row is red, 1 some are, 2 wrong usage, 130 interrupted, 143 terminated
 """
 
 FAMILIES = {"bags": bags.CASES, "sensors": sensors.CASES, "files": (*writing.CASES, *hostile_maps.CASES)}

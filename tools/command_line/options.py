@@ -58,8 +58,9 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     scans.add_argument("--range-max", type=float, metavar="M", help="least range that means no return (as stated)")
     scans.add_argument("--range-offset", type=float, metavar="M", help="offset added to every measured range (0)")
     scans.add_argument(
-        "--no-return", choices=("free", "drop"), help="whether beams without return clear space (as in the preset)"
-    )
+        "--no-return", choices=("free", "drop"),
+        help="whether beams without return clear space (as in the preset; in the default preset they do not)",
+    )  # fmt: skip
     scans.add_argument(
         "--no-return-code", dest="no_return_codes", type=float, action="append", metavar="M",
         help="range that means no return; may be repeated",

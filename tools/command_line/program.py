@@ -166,7 +166,9 @@ def typed_command(program: str, arguments: Sequence[str] | None) -> str:
 
 
 _EXIT_CODES = "exit codes: "
-_USUAL_CODES = f"\n{_EXIT_CODES}0 done, 1 error, described in one line, 2 wrong usage, 130 interrupted\n"
+_USUAL_CODES = (
+    f"\n{_EXIT_CODES}0 done, 1 error, described in one line, 2 wrong usage, 130 interrupted, 143 terminated\n"
+)
 
 
 class ProgramParser(argparse.ArgumentParser):
