@@ -80,7 +80,7 @@ def test_a_merge_can_be_merged(office, tmp_path):
 
 
 def test_maps_of_different_buildings_are_refused(office, tmp_path, capsys):
-    small = ("--beams", 361, "--rate", 8, "--length", 50)
+    small = ("--beams", 361, "--rate", 8, "--length", 30)
     for name, more in {
         "office": ("--world", "office", "--seed", 2),
         "store": ("--world", "store", "--seed", 4),
