@@ -9,11 +9,16 @@ import platform
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote, unquote
 
 from tbmslam.report.sheet import Sheet
+
+if TYPE_CHECKING:
+    import jinja2
 
 _ASSETS = files("tbmslam.report") / "assets"
 
@@ -109,12 +114,17 @@ class Page:
 
 def render(template: str, **values: object) -> str:
     """Return the page of a Jinja template; all values are escaped."""
+    return _compiled(template).render(values)
+
+
+@cache
+def _compiled(template: str) -> "jinja2.Template":
     import jinja2  # noqa: PLC0415  # only reports need it
 
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    return environment.from_string(template).render(values)
+    return environment.from_string(template)
 
 
 def _asset(name: str) -> str:
@@ -165,13 +175,16 @@ class RunInfo:
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the installed packages that results depend on."""
-    found = {"python": platform.python_version()}
-    for name in _NAMED:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
+    installed = {name: version for name in _NAMED if (version := _version_of(name)) is not None}
+    return {"python": platform.python_version(), **installed}
+
+
+@cache
+def _version_of(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 _WANTED = (

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -62,12 +63,17 @@ class MappingTask:
     began: float | None = None
     """Stamp of the first reading, at which `--interval` is 0 [s]; None if unknown."""
 
+    @cached_property
+    def config_text(self) -> str:
+        """The parameters that the map depends on, as TOML."""
+        return mapping_text(self.config)
+
     def fingerprint(self) -> str:
         """Return a digest of all that the map depends on: input, parameters, code and versions."""
         inputs = {
             "robot": self.name,
             "files": [dict(file) for file in self.files],
-            "config": mapping_text(self.config),
+            "config": self.config_text,
             "share": self.share,
             "T_own_start": self.T_own_start,
             "code": code_digest("tbmslam", open_recording.__module__.rpartition(".")[0]),
@@ -159,7 +165,7 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
         "correction_m": slam.correction_m,
     }
     run["fingerprint"] = task.fingerprint()
-    write_text(task.folder / "config.toml", mapping_text(task.config))
+    write_text(task.folder / "config.toml", task.config_text)
     write_text(task.folder / "run.json", json.dumps(run, indent=2, allow_nan=False) + "\n")
     write_checksums(task.folder)
     whose = "" if segment is None else "of the whole recording "
