@@ -5,7 +5,7 @@ from tests.end_to_end.programs import build, merge_maps, simulate
 
 @pytest.fixture(scope="session")
 def office(tmp_path_factory):
-    """Three robots that drive 50 m each in an office with the default laser (1040 beams, 20 Hz), their maps, the merge."""
+    """Three robots, 50 m each, in an office with the default laser (1040 beams, 20 Hz), their maps and the merged map."""
     root = tmp_path_factory.mktemp("office")
     bags = simulate(root / "bags", "--world", "office", "--seed", 1, "--robots", 3, "--length", 50)
     maps = build(root / "maps", *(bags / f"robot_{k}.bag" for k in range(3)), "--separate", "--no-truth")

@@ -46,7 +46,10 @@ def ring():
 
 @pytest.fixture(scope="module")
 def rings():
-    first = ring()
+    return seen_twice(ring())
+
+
+def seen_twice(first):
     second = resample(first, MOTION.inverse(), canvas_of(first.geometry, MOTION.inverse()))
     return {"a": TbmMap(first), "b": TbmMap(second)}
 
@@ -59,9 +62,9 @@ def test_what_nobody_saw_takes_no_memory(rings):
 
 
 @pytest.mark.parametrize(("nonrigid", "most_bytes"), [(False, RIGID), (True, DEFORMABLE)])
-def test_the_memory_of_a_merge_is_bounded(rings, nonrigid, most_bytes):
+def test_the_memory_of_a_merge_is_bounded(rings, rooms, nonrigid, most_bytes):
     config = MergeConfig().model_copy(update={"nonrigid": NonrigidConfig(enabled=nonrigid)})
-    merge(rings, config)  # compiles
+    merge(seen_twice(rooms(3)), config)  # compiles
     tracemalloc.start()
     found = merge(rings, config)
     peak = tracemalloc.get_traced_memory()[1]

@@ -54,7 +54,9 @@ def test_the_similarity_does_not_depend_on_other_maps_or_their_order(maps, alike
 
 
 def test_processes_find_the_same_similarity(maps, alike):
-    assert similarity_of_all(maps, MergeConfig(), Executor(2)) == alike
+    some = {name: maps[name] for name in itertools.islice(maps, 4)}
+    found = similarity_of_all(some, MergeConfig(), Executor(2))
+    assert found == {pair: alike[pair] for pair in itertools.combinations(some, 2)}
 
 
 def test_signatures_do_not_depend_on_the_frame():
