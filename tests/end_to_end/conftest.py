@@ -5,7 +5,7 @@ from tests.end_to_end.programs import build, merge_maps, simulate
 
 @pytest.fixture(scope="session")
 def office(tmp_path_factory):
-    """Three robots, 50 m each, in an office with the default laser (1040 beams, 20 Hz), their maps and the merged map."""
+    """Three robots, 50 m each, in an office with the default laser (1040 beams, 20 Hz), their maps and the merge."""
     root = tmp_path_factory.mktemp("office")
     bags = simulate(root / "bags", "--world", "office", "--seed", 1, "--robots", 3, "--length", 50)
     maps = build(root / "maps", *(bags / f"robot_{k}.bag" for k in range(3)), "--separate", "--no-truth")
@@ -17,7 +17,7 @@ def office(tmp_path_factory):
 def flat(tmp_path_factory):
     """Two robots in a flat with a small laser: bags only, quick to map."""
     bags = tmp_path_factory.mktemp("flat")
-    small = ("--beams", 361, "--rate", 8, "--length", 45, "--overlap", 0.6)
+    small = ("--beams", 361, "--rate", 5, "--length", 30, "--overlap", 0.7)
     return simulate(bags, "--world", "apartment", "--seed", 3, "--robots", 2, *small)
 
 

@@ -1,6 +1,7 @@
 """Recordings that describe their laser wrong, and what the warnings about them are worth."""
 
 import json
+from functools import cache
 
 import pytest
 
@@ -8,7 +9,16 @@ from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.io.trajectory_file import read_tum
 from tests.end_to_end.programs import build, simulate
 
+# One worker simulates a drive for all that map it.
+pytestmark = pytest.mark.xdist_group("laser_described_wrong")
+
 SMALL = ("--world", "office", "--seed", 3, "--duration", 75, "--beams", 361, "--rate", 8)
+
+
+@pytest.fixture(scope="module")
+def drive_with(tmp_path_factory):
+    """Return a function that simulates a drive, once for each fault of the laser."""
+    return cache(lambda *fault: simulate(tmp_path_factory.mktemp("drive"), *SMALL, *fault))
 
 
 def told(maps):
@@ -32,8 +42,8 @@ def error(drive, maps):
         ("mount", "--sensor-pose 0.28 0.00 0"),
     ],
 )
-def test_the_option_that_a_warning_names_mends_it(tmp_path, fault, remedy):
-    drive = simulate(tmp_path / "drive", *SMALL, "--fault", f"{fault}@0+600")
+def test_the_option_that_a_warning_names_mends_it(drive_with, tmp_path, fault, remedy):
+    drive = drive_with("--fault", f"{fault}@0+600")
     wrong = build(tmp_path / "wrong", drive / "robot_0.bag")
     assert told(wrong) == [remedy]
     right = build(tmp_path / "right", drive / "robot_0.bag", *remedy.split())
@@ -49,9 +59,9 @@ def test_the_option_that_a_warning_names_mends_it(tmp_path, fault, remedy):
         ((), ("--angle-step-deg", 0.515), "--angle-step-deg 0.5"),
     ],
 )
-def test_wrong_laser_numbers_are_corrected_by_the_warning(tmp_path, faults, wrong, remedy):
+def test_wrong_laser_numbers_are_corrected_by_the_warning(drive_with, tmp_path, faults, wrong, remedy):
     """What a warning names is to be passed instead, not on top, and it calls nothing stated that somebody passed."""
-    drive = simulate(tmp_path / "drive", *SMALL, *faults)
+    drive = drive_with(*faults)
     maps = build(tmp_path / "wrong", drive / "robot_0.bag", *wrong)
     assert told(maps) == [remedy]
     assert "stated" not in (maps / "robot_0" / "run.json").read_text()

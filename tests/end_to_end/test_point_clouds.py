@@ -11,6 +11,9 @@ from tbmslam.io.trajectory_file import read_tum
 from tests.end_to_end.programs import build, simulate
 from tools import build_maps
 
+# One worker simulates the clouds for all of them.
+pytestmark = pytest.mark.xdist_group("point_clouds")
+
 DRIVE = ("--world", "apartment", "--beams", 720, "--rate", 10, "--duration", 30, "--sweep", 0.09)
 
 

@@ -14,6 +14,9 @@ from tbmslam.belief.tiled_masses import TiledMasses, vacuous_masses
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 
+# One worker draws the rings for all of them.
+pytestmark = pytest.mark.xdist_group("rings")
+
 ROWS, COLS = 1600, 2400
 FREE, WALL = (0.0, 0.9, 0.0, 0.1), (0.0, 0.0, 0.9, 0.1)
 MOTION = SE2(7.3, -4.1, 0.2)

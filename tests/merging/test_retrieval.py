@@ -17,6 +17,9 @@ from tbmslam.parallel.executor import Executor
 from tests.merging.conftest import draw_rooms
 from tests.merging.floors import maps_of_floors, seen
 
+# One worker draws and compares the floors for all of them.
+pytestmark = pytest.mark.xdist_group("retrieval")
+
 
 @pytest.fixture(scope="module")
 def maps():

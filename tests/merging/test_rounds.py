@@ -25,6 +25,9 @@ from tests.merging.floors import maps_of_floors
 from tools import build_maps
 from tools.command_line.paths import map_folders
 
+# One worker makes and merges the maps for all of them.
+pytestmark = pytest.mark.xdist_group("rounds")
+
 FLOORS = (1, 2, 3)
 EVERY_FLOOR = {(f"{floor} left", f"{floor} right") for floor in FLOORS}
 
@@ -116,10 +119,15 @@ def halls():
     return {"a": far_off(a, 1.5), "b": far_off(b, 0.5)}
 
 
-def test_what_is_wrong_only_far_off_is_found_by_what_is_near(halls):
+@pytest.fixture(scope="module")
+def merged_halls(halls):
+    return merge(halls, CONFIG)
+
+
+def test_what_is_wrong_only_far_off_is_found_by_what_is_near(halls, merged_halls):
     first = align(halls["a"], halls["b"], CONFIG)
     assert not first.accepted, first.reason
-    result = merge(halls, CONFIG)
+    result = merged_halls
     found = result.alignments["a", "b"]
     assert found.accepted
     assert found.reason.startswith("with ranges up to 8.5 m: confidence ")
@@ -129,8 +137,8 @@ def test_what_is_wrong_only_far_off_is_found_by_what_is_near(halls):
     assert result.poses["b"] == pytest.approx(T_WORLD_B, abs=0.15)
 
 
-def test_the_card_shows_the_short_range_maps(halls):
-    result = merge(halls, CONFIG)
+def test_the_card_shows_the_short_range_maps(halls, merged_halls):
+    result = merged_halls
     near = [short_range_map(one, NEAR).grid for one in halls.values()]
     assert [grid.geometry for grid in result.evidence_grids["a", "b"]] == [grid.geometry for grid in near]
     (card,), _ = pair_cards(result, halls, CONFIG)
