@@ -6,6 +6,9 @@ import numpy as np
 
 from datasets.synthetic.map_pairs.distortion import Distortion
 from datasets.synthetic.map_pairs.pairs import building_of_world
+from merging import align
+from merging.alignment import Alignment
+from merging.rigid_alignment import align_whole
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tests.merging.conftest import grid_of_occupancy
@@ -26,6 +29,20 @@ def bent_maps(kind: str, bend_m: float = 0.6) -> tuple[TbmMap, TbmMap, SE2]:
         made.append(TbmMap(grid_of_occupancy(distorted.occupancy, floor.resolution, origin)))
         frames.append(SE2(*origin, 0.0) @ distorted.T_map_building)
     return made[0], made[1], frames[0] @ frames[1].inverse()
+
+
+@cache
+def rigid_of(kind: str, bend_m: float = 0.6) -> Alignment:
+    """Return the rigid alignment of the bent maps of a building."""
+    target, source, _ = bent_maps(kind, bend_m)
+    return align_whole(target, source)
+
+
+@cache
+def found_of(kind: str, bend_m: float = 0.6) -> Alignment:
+    """Return the alignment of the bent maps of a building, one of which may be deformed."""
+    target, source, _ = bent_maps(kind, bend_m)
+    return align(target, source)
 
 
 def errors(motion: SE2, true: SE2, one: TbmMap) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 import itertools
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.geometry.se2 import SE2
 from tbmslam.map.tbm_map import TbmMap
 from tbmslam.parallel.executor import Executor
-from tests.merging.bent_floor import bent_maps, errors
+from tests.merging.bent_floor import bent_maps, errors, found_of, rigid_of
 from tests.merging.driven_map import map_of
 from tools.benchmarks.strangers import make_pair
 from tools.map_pairs.known_pair import KnownPair
@@ -44,20 +44,6 @@ def register(target, source, config, refused=REFUSED):
     resolution = comparison_resolution([target.grid, source.grid], config)
     maps = (deformable(one.grid, resolution, config) for one in (target, source))
     return register_nonrigid(*maps, refused, config)
-
-
-@cache
-def rigid_of(kind, bend_m=0.6):
-    """Return the rigid alignment of the bent maps of a building."""
-    target, source, _ = bent_maps(kind, bend_m)
-    return align_whole(target, source)
-
-
-@cache
-def found_of(kind, bend_m=0.6):
-    """Return the alignment of the bent maps of a building, one of which may be deformed."""
-    target, source, _ = bent_maps(kind, bend_m)
-    return align(target, source)
 
 
 # The bent maps are made and aligned once for all of them.
