@@ -61,8 +61,8 @@ def insert_scan(cells, resolution, start, ends, is_hit, model, quality):
         (hits, model.hit_probability, model.hit_quality),
         (passed, model.miss_probability, model.miss_quality),
     ):
-        for cell in chosen:
-            cells[cell] = conjunctive(cells.get(cell, VACUOUS), observation(probability, mass * quality))
+        before = np.array([cells.get(cell, VACUOUS) for cell in chosen]).reshape(-1, 4)
+        cells.update(zip(chosen, conjunctive(before, observation(probability, mass * quality)), strict=True))
 
 
 def cells_of_scan(start, ends, is_hit, resolution):
