@@ -6,6 +6,8 @@ with its parts and its mirror image, is left out of the fit once.
 
 import argparse
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -72,9 +74,10 @@ def _parser() -> ProgramParser:
 def _run(args: argparse.Namespace) -> None:
     check_plot(args.plot)
     config, executor = MergeConfig(), Executor(args.workers)
-    groups = [(str(folder), trials_of(folder, config, executor)) for folder in args.pairs]
-    groups += [(str(folder), trials_of(folder, config, executor, SIMULATED)) for folder in args.simulated]
-    groups += [(f"{folder}, bent", trials_of(folder, config, executor, SIMULATED, bent=True)) for folder in args.bent]
+    pairs = [(str(folder), pairs_of(folder)) for folder in args.pairs]
+    pairs += [(str(folder), pairs_of(folder, SIMULATED)) for folder in args.simulated]
+    pairs += [(f"{folder}, bent", pairs_of(folder, SIMULATED, bent=True)) for folder in args.bent]
+    groups = trials_of(pairs, config, executor)
     if args.strangers:
         groups.append(("strangers", strangers(args.strangers, config, executor)))
     trials = [trial for _, group in groups for trial in group]
@@ -90,21 +93,38 @@ def _run(args: argparse.Namespace) -> None:
         write_text(args.out, fit_model(trials).as_json())
 
 
-def trials_of(
-    folder: Path, config: MergeConfig, executor: Executor, weight: float = 1.0, *, bent: bool = False
-) -> list[Trial]:
-    """Return the trials of all pairs in a folder with their weights; `bent` deforms one map of each pair."""
+@dataclass(frozen=True)
+class FittedPair:
+    """A pair to fit on."""
+
+    path: Path
+    weight: float
+    """Weight of a pair of parts."""
+    bent: bool
+    """Whether one of its maps is deformed."""
+
+
+def pairs_of(folder: Path, weight: float = 1.0, *, bent: bool = False) -> list[FittedPair]:
+    """Return all pairs in a folder."""
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise PairFileError(f"{folder}: no .npz pair of maps there")
-    calls = [Call(str(path), _trial_of, (path, config, weight, bent)) for path in paths]
-    return [trial for trial in executor.results(calls) if trial is not None]
+    return [FittedPair(path, weight, bent) for path in paths]
 
 
-def _trial_of(path: Path, config: MergeConfig, weight: float, bent: bool) -> Trial | None:
-    pair = load_pair(path)
-    of = Trial.of_deformed if bent else Trial.of
-    return of(pair, config, weight if shows_part(pair.name) else WHOLE * weight)
+def trials_of(
+    groups: Sequence[tuple[str, Sequence[FittedPair]]], config: MergeConfig, executor: Executor
+) -> list[tuple[str, list[Trial]]]:
+    """Return the trials of all pairs of each group by its name."""
+    pairs = [pair for _, group in groups for pair in group]
+    trials = iter(executor.results([Call(f"{k}", _trial_of, (pair, config)) for k, pair in enumerate(pairs)]))
+    return [(name, [one for one in islice(trials, len(group)) if one is not None]) for name, group in groups]
+
+
+def _trial_of(fitted: FittedPair, config: MergeConfig) -> Trial | None:
+    pair = load_pair(fitted.path)
+    of = Trial.of_deformed if fitted.bent else Trial.of
+    return of(pair, config, fitted.weight if shows_part(pair.name) else WHOLE * fitted.weight)
 
 
 def strangers(count: int, config: MergeConfig, executor: Executor) -> list[Trial]:

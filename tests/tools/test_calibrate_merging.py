@@ -7,7 +7,8 @@ from tools import calibrate_merging
 
 
 def test_a_folder_in_several_lists_counts_in_each(monkeypatch, capsys):
-    monkeypatch.setattr(calibrate_merging, "trials_of", lambda *_, **__: trials(12))
+    monkeypatch.setattr(calibrate_merging, "pairs_of", lambda *_, **__: [])
+    monkeypatch.setattr(calibrate_merging, "trials_of", lambda groups, *_: [(name, trials(12)) for name, _ in groups])
     assert calibrate_merging.main(["a", "--simulated", "a", "--bent", "a", "--workers", "1"]) == 0
     tables = capsys.readouterr().out.split("\n\n")
     assert [table.splitlines()[0] for table in tables] == [

@@ -143,9 +143,10 @@ def test_near_is_the_true_place_a_little_turned(folder):
 
 def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     other = tmp_path / "other"
-    assert make_map_pairs.main(["-o", str(other), "--world", "store", "--seeds", "1", "--area", "50"]) == 0
+    store = ["--world", "store", "--seeds", "1", "--area", "50", "--overlap", "100", "50"]
+    assert make_map_pairs.main(["-o", str(other), *store]) == 0
     model, again = tmp_path / "model.json", tmp_path / "again.json"
-    what = [str(folder), "--simulated", str(other), "--bent", str(other), "--strangers", "3"]
+    what = [str(folder), "--simulated", str(other), "--bent", str(other), "--strangers", "1"]
     capsys.readouterr()
     assert calibrate_merging.main([*what, "-o", str(model)]) == 0
     printed = capsys.readouterr().out
@@ -167,7 +168,7 @@ def test_large_pairs_are_not_written(tmp_path, capsys):
 
 
 def test_pairs_are_cut_from_floors_of_like_blocks(tmp_path):
-    out = ["-o", str(tmp_path), "--lattice", "900", "--seeds", "3", "4", "--overlap", "50"]
+    out = ["-o", str(tmp_path), "--lattice", "400", "--seeds", "3", "4", "--overlap", "50"]
     assert make_map_pairs.main(out) == 0
     names = {path.stem.split("_")[0] + "_" + path.stem.split("_")[1] for path in tmp_path.iterdir()}
     assert {"crop_lattice3", "crop_lattice4", "negs_lattice3", "negd_lattice3"} <= names
