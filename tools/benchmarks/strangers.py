@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from scipy.stats import binomtest
 from tqdm import tqdm
 
 from datasets.synthetic.buildings import VARIETY
@@ -202,5 +201,7 @@ def _row(kind: str, about: str, encounters: list[Encounter]) -> list[str]:
 
 def rate_of(wrong: int, tried: int) -> tuple[str, str]:
     """Return the rate of errors and its 95 % interval (Clopper and Pearson 1934) [%]."""
+    from scipy.stats import binomtest  # takes half a second, in each process
+
     interval = binomtest(wrong, tried).proportion_ci(0.95)
     return number(100.0 * wrong / tried, 2), f"{100.0 * interval.low:.2f} to {100.0 * interval.high:.2f}"

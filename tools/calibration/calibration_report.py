@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import binomtest
 
 from tools.calibration.trial import Judgement
 from tools.command_line.text_table import text_table
@@ -70,6 +69,8 @@ def draw_calibration(judged: Sequence[Judged], edges: Sequence[float]) -> bytes:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.0, 5.0), layout="constrained")
+    from scipy.stats import binomtest  # takes half a second, in each process that only collects
+
     panel = figure.subplots()
     panel.plot((0.0, 1.0), (0.0, 1.0), color="#bebebe", linewidth=1.0)
     for _, _, given, right, pairs in _bins(judged, edges):

@@ -1,4 +1,3 @@
-import json
 import math
 import pickle
 
@@ -138,64 +137,8 @@ def test_the_unperturbed_run_has_no_verdict_and_a_failed_run_has_a_reason():
     assert summary(rows) == "4 perturbed runs, 3 misses, 2 of them lost or failed"
 
 
-FEW = ("begun 30 s later", "5 % of scans dropped", "deskew.enabled=false")
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("drive")
-    world = "office:1:good,beams=91,rate=5,duration=40"
-    return SimulatedRecording.parse(world).write(folder).path
-
-
-def test_a_simulated_drive(recording, tmp_path, capfd, monkeypatch):
-    def few(settings):  # the others are tried one by one in test_perturbations.py
-        return [one for one in perturbations(settings) if one.name in ("as it is", *FEW)]
-
-    monkeypatch.setattr("tools.benchmarks.perturb.perturbations", few)
-
-    def printed(jobs):
-        file = tmp_path / f"{jobs}.json"
-        words = ["perturb", str(recording), "--jobs", jobs, "--without", "deskew.enabled=false", "--json", str(file)]
-        assert main([*words, "--table", str(tmp_path / "tables.json")]) == 0
-        out, err = capfd.readouterr()
-        *lines, machine = out.splitlines()
-        assert machine.startswith("processor ")
-        return lines, err, json.loads(file.read_text())["recordings"]
-
-    lines, err, record = printed("2")
-    table = [line for line in lines if line.startswith("|")]
-    assert len(table) == 2 + 4
-    cells = {line.split("|")[1].strip(): [cell.strip() for cell in line.split("|")[2:-1]] for line in table[2:]}
-    assert float(cells["as it is"][0]) < 0.02
-    assert cells["as it is"][1:] == ["-", "0", "0", "1.00", "-"]
-    assert cells["deskew.enabled=false"][-1] == "ok"
-    assert int(cells["begun 30 s later"][3]) == 150
-    assert 0 < int(cells["5 % of scans dropped"][3]) < 30
-    assert "3 perturbed runs, " in lines[-1]
-    assert "benchmark: 4/4 robot_0.bag" in err
-    scores = record[0]["scores"]
-    assert [one["perturbation"] for one in scores] == list(cells)
-    assert scores[0]["verdict"] == "-"
-    tables = json.loads((tmp_path / "tables.json").read_text())["tables"]
-    (row,) = tables["overview"]["rows"]
-    assert row[:3] == ["robot_0", cells["as it is"][0], "3"]
-    assert [row[0] for row in tables["robot_0"]["rows"]] == list(cells)
-    again, _, same_record = printed("1")
-    assert (again, same_record) == (lines, record)
-
-
-def test_a_run_that_fails_is_a_row_and_the_others_go_on(recording, capsys, monkeypatch):
-    few = [UNPERTURBED, Perturbation("broken", change=len), Perturbation("the same")]
-    monkeypatch.setattr("tools.benchmarks.perturb.perturbations", lambda _: few)
-    assert main(["perturb", str(recording), "--jobs", "2"]) == 0
-    rows = [[cell.strip() for cell in line.split("|")] for line in capsys.readouterr().out.splitlines()]
-    verdicts = {row[1]: row[-2] for row in rows if len(row) > 6}
-    assert verdicts["broken"].startswith("FAILED: TypeError: ")
-    assert (verdicts["as it is"], verdicts["the same"]) == ("-", "ok")
-
-
-def test_what_cannot_be_run_is_one_line_before_anything_runs(recording, tmp_path, capsys):
+def test_what_cannot_be_run_is_one_line_before_anything_runs(spec, tmp_path, capsys):
+    recording = spec.path
     assert main(["perturb", str(recording), "--without", "tracker.wlaking=1.0"]) == 1
     assert "--without: there is no parameter 'tracker.wlaking': did you mean" in capsys.readouterr().err
     bare = tmp_path / "bare.bag"

@@ -1,22 +1,24 @@
 """Perturbed runs: their order, and the others where one fails."""
 
+import io
+import json
 import os
+import re
 import shutil
+from contextlib import redirect_stderr, redirect_stdout
 
 import numpy as np
 import pytest
 
 from tbmslam.errors import TbmSlamError
-from tbmslam.parallel.executor import Call, Executor
-from tbmslam.parallel.worker_pool import WorkerDiedError
 from tools.benchmark import main, parser
-from tools.benchmarks.perturb import UNPERTURBED, Perturbation, benchmark_perturbations, errors_of
+from tools.benchmarks.perturb import UNPERTURBED, Perturbation, benchmark_perturbations, perturbations
 from tools.benchmarks.recordings import DriveErrors, SimulatedRecording
 
 
 @pytest.fixture(scope="module")
 def spec(tmp_path_factory):
-    world = "office:1:good,beams=91,rate=5,duration=10"
+    world = "office:1:good,beams=91,rate=5,duration=40"
     return SimulatedRecording.parse(world).write(tmp_path_factory.mktemp("drive"))
 
 
@@ -24,25 +26,97 @@ def die(_):
     os._exit(9)
 
 
-def test_a_run_whose_process_dies_does_not_stop_the_others(spec):
-    changed = [UNPERTURBED, Perturbation("deadly", change=die), Perturbation("the same")]
-    calls = [Call(one.name, errors_of, (spec, one)) for one in changed]
-    before, dead, after = Executor(2).outcomes(calls)
-    assert isinstance(dead, WorkerDiedError)
-    assert isinstance(before, DriveErrors)
-    assert isinstance(after, DriveErrors)
-
-
 def run_out_of_memory(_):
     raise MemoryError
 
 
-def test_a_run_that_runs_out_of_memory_does_not_stop_the_others(spec):
-    changed = [Perturbation("large", change=run_out_of_memory), UNPERTURBED]
-    large, after = Executor().outcomes([Call(one.name, errors_of, (spec, one)) for one in changed])
-    assert isinstance(large, TbmSlamError)
-    assert str(large) == "memory has run out"
-    assert isinstance(after, DriveErrors)
+SETTING = "deskew.enabled=false"
+LATER, DROPPED = "begun 30 s later", "5 % of scans dropped"
+FAILING = [
+    Perturbation("broken", change=len),
+    Perturbation("deadly", change=die),
+    Perturbation("large", change=run_out_of_memory),
+]
+
+
+def perturbed(spec, folder, *words, patches):
+    """Run perturbations; return the printed lines, the messages, the cells of each row and the record."""
+    file, out, err = folder / "figures.json", io.StringIO(), io.StringIO()
+    words = ["perturb", str(spec.path), *words, "--json", str(file), "--table", str(folder / "tables.json")]
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        for name, stand_in in patches.items():
+            patch.setattr(f"tools.benchmarks.perturb.{name}", stand_in)
+        assert main(words) == 0
+    *lines, machine = out.getvalue().splitlines()
+    assert machine.startswith("processor ")
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("|")]
+    cells = {row[0]: row[1:] for row in rows[2:]}
+    (record,) = json.loads(file.read_text())["recordings"]
+    return lines, err.getvalue(), cells, record["scores"]
+
+
+@pytest.fixture(scope="module")
+def beside(spec, tmp_path_factory):
+    """Runs of which three fail, two at a time, each in a process of its own."""
+
+    def few(settings):
+        found = {one.name: one for one in perturbations(settings)}
+        return [UNPERTURBED, *FAILING, found[LATER]]
+
+    return perturbed(spec, tmp_path_factory.mktemp("beside"), "--jobs", "2", patches={"perturbations": few})
+
+
+@pytest.fixture(scope="module")
+def alone(spec, tmp_path_factory):
+    """Runs one after the other, in this process."""
+
+    def few(settings):  # the others are tried one by one in test_perturb.py
+        return [one for one in perturbations(settings) if one.name in ("as it is", LATER, DROPPED, SETTING)]
+
+    patches = {"perturbations": few, "in_fresh_process": lambda run, *arguments: run(*arguments)}
+    folder = tmp_path_factory.mktemp("alone")
+    return folder, *perturbed(spec, folder, "--jobs", "1", "--without", SETTING, patches=patches)
+
+
+def test_a_simulated_drive(alone):
+    folder, lines, err, cells, scores = alone
+    assert len(cells) == 4
+    assert float(cells["as it is"][0]) < 0.02
+    assert cells["as it is"][1:] == ["-", "0", "0", "1.00", "-"]
+    assert cells[SETTING][-1] == "ok"
+    assert int(cells[LATER][3]) == 150
+    assert 0 < int(cells[DROPPED][3]) < 30
+    assert "3 perturbed runs, " in lines[-1]
+    assert "benchmark: 4/4 robot_0.bag" in err
+    assert [one["perturbation"] for one in scores] == list(cells)
+    assert scores[0]["verdict"] == "-"
+    tables = json.loads((folder / "tables.json").read_text())["tables"]
+    (row,) = tables["overview"]["rows"]
+    assert row[:3] == ["robot_0", cells["as it is"][0], "3"]
+    assert [row[0] for row in tables["robot_0"]["rows"]] == list(cells)
+
+
+@pytest.mark.parametrize("name", ["as it is", LATER])
+def test_runs_in_processes_of_their_own_have_the_errors_of_runs_here(beside, alone, name):
+    (there,), (here,) = ([one for one in scores if one["perturbation"] == name] for *_, scores in (beside, alone))
+    assert there == here
+    assert beside[2][name] == alone[3][name]
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("broken", r"TypeError: .+"),
+        ("deadly", r"a worker process died, perhaps out of memory: .+"),
+        ("large", r"memory has run out"),
+    ],
+)
+def test_a_run_that_fails_is_a_row_and_the_others_go_on(beside, name, why):
+    lines, err, cells, _ = beside
+    assert re.fullmatch(f"FAILED: {why}", cells[name][-1])
+    assert (cells["as it is"][-1], cells[LATER][-1]) == ("-", "ok")
+    assert "4 perturbed runs, 3 misses, 3 of them lost or failed" in lines[-1]
+    assert "benchmark: 5/5 robot_0.bag" in err
 
 
 FEW = [UNPERTURBED, Perturbation("a little"), Perturbation("more")]
