@@ -19,9 +19,9 @@ def placed():
 
 def test_a_fleet_is_so_many_maps_of_each_building_and_the_same_again(placed):
     assert sorted(one.place for one in placed.values()) == ["building 0"] * 3 + ["building 1"] * 3
-    again = make_fleet(2, 3, seed=3)
-    assert all(np.array_equal(one.occupancy, again[name].occupancy) for name, one in placed.items())
-    assert not np.array_equal(make_fleet(2, 3, seed=4)["map_0"].occupancy, placed["map_0"].occupancy)
+    fleet, again, other = (make_fleet(1, 2, seed) for seed in (3, 3, 1))
+    assert all(np.array_equal(one.occupancy, again[name].occupancy) for name, one in fleet.items())
+    assert not np.array_equal(other["map_0"].occupancy, fleet["map_0"].occupancy)
 
 
 def test_joins_are_counted_by_the_truth(placed):
@@ -37,9 +37,14 @@ def test_joins_are_counted_by_the_truth(placed):
     assert _placed([Group({here[0]: SE2.identity(), stranger: SE2.identity()})], placed) == 2
 
 
-def test_maps_of_a_building_are_merged_and_counted(tmp_path, capsys):
+def test_maps_of_a_building_are_merged_and_counted(tmp_path, capsys, monkeypatch):
+    started = []
+    monkeypatch.setattr(
+        "tools.benchmarks.fleet.in_fresh_process", lambda run, *words: started.append(words) or run(*words)
+    )
     figures = tmp_path / "fleet.json"
     assert main(["fleet", "1x2", "--seeds", "1,2", "--json", str(figures)]) == 0
+    assert [words[:3] for words in started] == [(1, 2, 1), (1, 2, 2)]
     run, other = json.loads(figures.read_text())["fleets"]
     assert (run["seed"], other["seed"]) == (1, 2)
     assert (run["maps"], run["aligned"], run["groups"]) == (2, 1, 1)
