@@ -109,8 +109,8 @@ class BagScript:
     def in_time_order(self) -> "BagScript":
         return BagScript(sorted(self.messages, key=lambda message: message[0]))
 
-    def write(self, path: Path, kind: str = "none") -> Path:
-        """Write a ROS 1 bag (none, bz2, lz4) or a ROS 2 bag (sqlite3, mcap)."""
+    def write(self, path: Path, kind: str = "none", chunk_bytes: int = 1 << 20) -> Path:
+        """Write a ROS 1 bag (none, bz2, lz4) of chunks of some bytes, or a ROS 2 bag (sqlite3, mcap)."""
         is_ros1 = kind in {"none", "bz2", "lz4"}
         store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
         for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
@@ -119,6 +119,7 @@ class BagScript:
         writer: Any
         if is_ros1:
             writer = rosbag1.Writer(path)
+            writer.chunk_threshold = chunk_bytes
             if kind != "none":
                 writer.set_compression(rosbag1.Writer.CompressionFormat[kind.upper()])
         else:
