@@ -36,7 +36,9 @@ def test_a_simulated_drive(tmp_path, capfd, monkeypatch):
     tables = tmp_path / "tables.json"
     with worker_pool(1) as pool:
         monkeypatch.setattr(
-            module, "in_fresh_process", lambda run, *words: started.append(words) or pool.result(pool.submit(run, *words))
+            module,
+            "in_fresh_process",
+            lambda run, *words: started.append(words) or pool.result(pool.submit(run, *words)),
         )
         assert main(["slam", "--world", world, "--seeds", "2", "--json", str(path), "--table", str(tables)]) == 0
     assert [name for _, name in started] == ["default"] * 3  # the first one is not counted
