@@ -37,7 +37,7 @@ def test_a_run_writes_bags_truth_and_a_picture(tmp_path, capsys):
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_the_projects_own_reader_reads_what_was_written(tmp_path, kind):
     mount = ["--mount", "-0.1", "0.05", "90", "--upside-down", "--no-return", "inf"]
-    assert run("--world", "halls", *SHORT, *mount, "--format", kind, "--odometry", "none", "-o", tmp_path) == 0
+    assert run("--world", "apartment", *SHORT, *mount, "--format", kind, "--odometry", "none", "-o", tmp_path) == 0
     truth = np.loadtxt(tmp_path / "robot_0.truth.tum")
     readings = list(open_recording([tmp_path / ("robot_0.bag" if kind == "ros1" else "robot_0")]))
     assert len(readings) == len(truth) == 60
@@ -50,7 +50,7 @@ def test_the_projects_own_reader_reads_what_was_written(tmp_path, kind):
 
 def test_two_runs_give_the_same_bytes_and_another_drive_seed_another_drive(tmp_path):
     for name, more in (("a", []), ("b", []), ("c", ["--drive-seed", 9])):
-        assert run("--world", "store", "--seed", 2, *SHORT, *more, "-o", tmp_path / name) == 0
+        assert run("--world", "apartment", "--seed", 2, *SHORT, *more, "-o", tmp_path / name) == 0
     files = {name: {p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in "abc"}
     assert files["a"] == files["b"]
     assert files["a"]["world.npz"] == files["c"]["world.npz"]
@@ -80,7 +80,7 @@ def test_worlds_offered_are_worlds_built():
     ],
 )
 def test_wrong_usage_is_exit_2(tmp_path, usage_error, arguments, message):
-    assert message in usage_error(run, "-o", tmp_path / "out", *arguments)
+    assert message in usage_error(run, "-o", tmp_path / "out", "--world", "apartment", *arguments)
     assert not (tmp_path / "out").exists()
 
 

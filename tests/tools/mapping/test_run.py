@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import time
 from pathlib import Path
 
@@ -129,13 +130,13 @@ def test_a_stopped_run_of_a_split_recording_continues(bags, tmp_path, names_mapp
 
 @pytest.mark.parametrize("name", ["map.pgm", "trajectory.tum", "run.json", "SHA256SUMS"])
 def test_a_changed_byte_is_noticed_and_the_map_made_again(bags, mapped, tmp_path, names_mapped, capsys, name):
-    assert run(bags, "--separate", "-o", tmp_path) == 0
+    shutil.copytree(mapped, tmp_path, dirs_exist_ok=True)
     changed = tmp_path / "robot_1" / name
     content = bytearray(changed.read_bytes())
     content[len(content) // 2] ^= 0x01
     changed.write_bytes(content)
     assert run(bags, "--separate", "-o", tmp_path) == 0
-    assert names_mapped[3:] == ["robot_1"]
+    assert names_mapped == ["robot_1"]
     assert results(tmp_path) == results(mapped)
 
 
