@@ -396,5 +396,5 @@ def test_a_scan_a_second_is_enough():
     """Some laps round a block, where consecutive scans are half a metre apart."""
     angle_min, angle_increment = SimulatedLaser.field_of(180)
     laser = SimulatedLaser(beams=180, angle_min=angle_min, angle_increment=angle_increment, rate=1.0)
-    drive = EndlessDrive("round", 1000.0, laser, OdometryNoise.preset("good"))
+    drive = EndlessDrive("round", 500.0, laser, OdometryNoise.preset("good"))
     assert align_trajectories(drive.truth(), mapped(drive.readings()).drives[0].trajectory).ate_m < 0.01

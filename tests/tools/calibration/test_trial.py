@@ -9,24 +9,31 @@ from tools.calibration.trial import Trial
 from tools.map_pairs.known_pair import KnownPair
 
 
-@pytest.mark.parametrize("swapped", [False, True])
-def test_the_evidence_of_distorted_maps_is_collected_after_deformation(swapped):
+@pytest.fixture(scope="module", params=[False, True], ids=["as it is", "swapped"])
+def bent(request):
+    """Return a distorted pair, its trial after deformation, and the pairs of maps that were correlated for it."""
     target, source, true = bent_maps("store")
     pair = KnownPair("crop_store_1_100", target, source, true, 1.0)
-    if swapped:
+    if request.param:
         pair = KnownPair("crop_store_1_100", source, target, true.inverse(), 1.0)
-    rigid, bent = (of(pair, MergeConfig()) for of in (Trial.of, Trial.of_deformed))
-    assert bent.near[0]
-    assert bent.near.sum() == 1
-    assert bent.candidates[0].agreed_wall_m > 1.5 * max(one.agreed_wall_m for one in rigid.candidates)
-    assert len(bent.candidates) <= 1 + 2 * MergeConfig().nonrigid.rivals
-    assert max(one.agreement for one in bent.decoys) < bent.candidates[0].agreement
-
-
-def test_the_map_and_its_mirror_image_are_correlated_once(monkeypatch):
     correlated, propose = [], hypotheses.propose
-    monkeypatch.setattr(hypotheses, "propose", lambda *maps: correlated.append(maps) or propose(*maps))
-    Trial.of_deformed(KnownPair("crop_store_1_100", *bent_maps("store"), 1.0), MergeConfig())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hypotheses, "propose", lambda *maps: correlated.append(maps) or propose(*maps))
+        return pair, Trial.of_deformed(pair, MergeConfig()), correlated
+
+
+def test_the_evidence_of_distorted_maps_is_collected_after_deformation(bent):
+    pair, deformed, _ = bent
+    rigid = Trial.of(pair, MergeConfig())
+    assert deformed.near[0]
+    assert deformed.near.sum() == 1
+    assert deformed.candidates[0].agreed_wall_m > 1.5 * max(one.agreed_wall_m for one in rigid.candidates)
+    assert len(deformed.candidates) <= 1 + 2 * MergeConfig().nonrigid.rivals
+    assert max(one.agreement for one in deformed.decoys) < deformed.candidates[0].agreement
+
+
+def test_the_map_and_its_mirror_image_are_correlated_once(bent):
+    _, _, correlated = bent
     assert len(correlated) == 2
 
 
