@@ -4,6 +4,7 @@ Sources: Smets and Kennes, "The transferable belief model", 1994; equation numbe
 Filatov, "Merging Occupancy Grid Map based on Transferable Belief Model", 2021.
 """
 
+from functools import cache
 from operator import and_, or_
 
 import numpy as np
@@ -23,11 +24,14 @@ def disjunctive(first, second):
 
 def _combined(first, second, set_operation):
     a, b = (np.asarray(masses, dtype=np.float64) for masses in (first, second))
-    combined = np.zeros(np.broadcast_shapes(a.shape, b.shape))
-    for subset in range(4):
-        for other in range(4):
-            combined[..., set_operation(subset, other)] += a[..., subset] * b[..., other]
-    return combined
+    products = a[..., :, None] * b[..., None, :]
+    return products.reshape(*products.shape[:-2], 16) @ _destinations(set_operation)
+
+
+@cache
+def _destinations(set_operation):
+    """Return which mass (4) each product (16) of a subset of one source and one of the other adds to."""
+    return np.array([np.eye(4)[set_operation(subset, other)] for subset in range(4) for other in range(4)])
 
 
 def normalise(masses):

@@ -1,4 +1,5 @@
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -63,7 +64,7 @@ def by_definition(rule, sources):
         for subset in subsets:
             common, union = common & subset, union | subset
         goes_to = {"disjunctive": union, "dubois-prade": common or union, "yager": common or 3}.get(rule, common)
-        total[goes_to] += np.prod([source[subset] for source, subset in zip(sources, subsets, strict=True)])
+        total[goes_to] += math.prod(source[subset] for source, subset in zip(sources, subsets, strict=True))
     return normalise(total) if rule == "dempster" else total
 
 

@@ -36,8 +36,8 @@ def assert_grid_holds(grid, cells):
     masses = grid.to_tbm_grid().masses
     known = {(r + grid.first_row, c + grid.first_col) for r, c in np.argwhere(masses[..., 3] < 1.0)}
     assert known == set(cells)
-    for (row, col), expected in cells.items():
-        np.testing.assert_allclose(masses[row - grid.first_row, col - grid.first_col], normalise(expected), atol=1e-6)
+    rows, cols = (np.array(list(cells)) - (grid.first_row, grid.first_col)).T
+    np.testing.assert_allclose(masses[rows, cols], normalise(np.array(list(cells.values()))), atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(30))
