@@ -1,9 +1,13 @@
 import sys
+from pathlib import Path
 
 import pytest
 
+from merging.config import MergeConfig
+from tbmslam.parallel.executor import Executor
 from tests.tools.calibration.test_model_fit import trials
 from tools import calibrate_merging
+from tools.calibrate_merging import FittedPair
 
 
 def test_a_folder_in_several_lists_counts_in_each(monkeypatch, capsys):
@@ -19,6 +23,14 @@ def test_a_folder_in_several_lists_counts_in_each(monkeypatch, capsys):
     ]
     counted = [int(line.split("|")[2]) for line in tables[-1].splitlines()[3:]]
     assert sum(counted) == 3 * 12
+
+
+def test_each_group_has_the_trials_of_its_pairs(monkeypatch):
+    monkeypatch.setattr(calibrate_merging, "_trial_of", lambda pair, _: None if pair.path.name == "empty" else pair)
+    full, other, empty = (FittedPair(Path(name), 1.0, bent=False) for name in ("full", "other", "empty"))
+    groups = [("one", [full, empty]), ("none", [empty]), ("two", [empty, other, full])]
+    found = calibrate_merging.trials_of(groups, MergeConfig(), Executor())
+    assert found == [("one", [full]), ("none", []), ("two", [other, full])]
 
 
 def test_a_plot_without_matplotlib_is_one_line_before_anything_runs(monkeypatch, capsys, tmp_path):

@@ -153,7 +153,8 @@ def test_the_model_is_fitted_and_written(folder, tmp_path, capsys):
     assert calibrate_merging.main([*what, "-o", str(again), "--workers", "1"]) == 0
     assert again.read_text() == model.read_text()
     assert capsys.readouterr().out == printed
-    assert f"{folder}, by models fitted without its buildings" in printed
+    for name in (folder, other, f"{other}, bent", "strangers"):
+        assert f"{name}, by models fitted without its buildings" in printed
     assert "all pairs, by models fitted without their buildings" in printed
     written = json.loads(model.read_text())
     assert set(written["weights"]) == set(FEATURES)
