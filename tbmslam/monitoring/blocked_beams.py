@@ -145,6 +145,11 @@ class BlockedBeams:
         self._last = here
         return self._follow(scan, index, distance, turn)
 
+    def forget_odometry(self) -> None:
+        """Measure the motion to the next check by the map's poses, since the odometry jumped."""
+        if self._last is not None:
+            self._last = self._last[0], None
+
     def without(self, scan: LaserScan) -> LaserScan:
         """Return the scan without the ranges of blocked beams; a beam whose range has changed keeps it.
 
@@ -207,6 +212,10 @@ class LaserView:
         """Return a scan without its blocked beams."""
         self._raw = scan
         return self._beams.without(scan)
+
+    def forget_odometry(self) -> None:
+        """Measure the motion to the next check by the map's poses, since the odometry jumped."""
+        self._beams.forget_odometry()
 
     def learn(self, index: int, T_map_robot: SE2, T_odom_robot: SE2 | None = None) -> None:
         """Learn from the last scan, that of a reading, after the robot has moved."""

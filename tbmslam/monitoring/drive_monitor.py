@@ -9,6 +9,7 @@ from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig, LaserView
 from tbmslam.monitoring.incidents import SOON_S, EndWarning, Incidents
 from tbmslam.monitoring.odometry_check import (
     DISAGREE,
+    MOVED,
     Contradictions,
     OdometryCheck,
     OdometryCheckConfig,
@@ -57,6 +58,10 @@ class DriveMonitor:
         if prior.jump:
             self._note_jump(scan.stamp, prior.jump)
         what = self._contradictions.message_of(scan.stamp, match, prior)
+        if prior.jump or what == MOVED:
+            self._odometry.forget()
+            if self._view is not None:
+                self._view.forget_odometry()
         if match.is_lost and self._shows_another_place(scan, match.T_map_sensor):
             self.incidents.add(scan.stamp, LOST if prior.by_odometry else LOST_WITHOUT_ODOMETRY)
         elif what:

@@ -39,6 +39,10 @@ class OdometryCheck:
         self._config = config
         self._known: deque[tuple[SE2, SE2]] = deque(maxlen=config.keyframes + 1)
 
+    def forget(self) -> None:
+        """Compare no motion that began before now, since the odometry jumped."""
+        self._known.clear()
+
     def disagrees(self, T_odom_robot: SE2 | None, T_map_robot: SE2) -> bool:
         """Return whether the motions since the oldest kept keyframe differ by too much."""
         if T_odom_robot is None:
@@ -118,6 +122,7 @@ ELSEWHERE = (
     "after a pause the scan shows another place, but the odometry hardly moved: if the robot was carried, "
     "split the recording there with --interval"
 )
+MOVED = "after a pause the odometry states another place than the scan: the scan is followed"
 
 
 class Contradictions:
@@ -135,9 +140,9 @@ class Contradictions:
             self._since = math.inf
             return ""
         stood = math.hypot(prior.start.x - before.x, prior.start.y - before.y) < _STOOD_M
-        if stood and _PAUSE_S < pause < math.inf:
+        if prior.stood is not None or (stood and _PAUSE_S < pause < math.inf):
             self._since = stamp
-            return ELSEWHERE
+            return ELSEWHERE if stood else MOVED
         self._since = min(self._since, stamp)
         return DISAGREE if stamp - self._since >= _WHILE_S else ""
 

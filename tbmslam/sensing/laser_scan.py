@@ -102,6 +102,8 @@ class Reading:
     """Pose of the laser on the robot, projected to the plane (an upside-down laser shows in the scan's increment)."""
     T_odom_swept: SE2 | None = None
     """Pose of the robot in its odometry frame at the scan's last beam; None if unknown."""
+    T_odom_origin: SE2 = SE2.identity()  # noqa: RUF009  # immutable
+    """Pose at which the odometry began, in its frame; another frame moves it."""
 
     def check(self) -> None:
         """Refuse impossible numbers, from which compiled code would compute memory addresses.
@@ -137,7 +139,7 @@ class Reading:
 
     def with_scan(self, scan: LaserScan) -> "Reading":
         """Return the same reading with another scan."""
-        return Reading(scan, self.T_odom_robot, self.T_robot_sensor, self.T_odom_swept)
+        return Reading(scan, self.T_odom_robot, self.T_robot_sensor, self.T_odom_swept, self.T_odom_origin)
 
 
 def _check_pose(name: str, pose: SE2 | None) -> None:

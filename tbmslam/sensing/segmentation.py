@@ -108,7 +108,8 @@ def in_frame(reading: Reading, T_new_odom: SE2) -> Reading:
         return reading
     swept = None if reading.T_odom_swept is None else T_new_odom @ reading.T_odom_swept
     # dataclasses.replace takes several times as long, and this runs for every reading.
-    return Reading(reading.scan, T_new_odom @ reading.T_odom_robot, reading.T_robot_sensor, swept)
+    robot, origin = T_new_odom @ reading.T_odom_robot, T_new_odom @ reading.T_odom_origin
+    return Reading(reading.scan, robot, reading.T_robot_sensor, swept, origin)
 
 
 def _split_evenly(progress: FloatArray, robots: int, overlap: float) -> list[Segment]:

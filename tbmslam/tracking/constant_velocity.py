@@ -74,6 +74,10 @@ class ConstantVelocity:
         far = self._position[0] + _SPEED * max(since, self._usual)
         return Coasting(self.T_map_robot, (far, far, far))
 
+    def standing(self, stamp: float) -> Coasting | None:
+        """Return the last pose, with the deviations of a motion that began lately; None without a pause before."""
+        return Coasting(self.T_map_robot, self.deviations(stamp)) if self.since(stamp) > OLD else None
+
     def motion(self, duration: float) -> SE2:
         """Return the motion in a time [s] at the speed of the last motion."""
         return part_of(self._last_step(), duration / self._duration) if self._duration else SE2.identity()

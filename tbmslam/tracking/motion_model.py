@@ -16,6 +16,9 @@ _JUMP = 2.0
 _NONE = 0.0, 0.0, 0.0
 _TOP_SPEED = 15.0
 """No robot drives faster [m/s]."""
+_ORIGIN = 0.1
+"""Odometry that is so near its origin again may have begun anew [m], [rad]. Without this limit, gaps of 15 s in the
+scans of mit-csail tear the drive, for an unexplored place fits worse than the last place by chance."""
 
 
 class MotionModel:
@@ -30,6 +33,7 @@ class MotionModel:
         self._T_odom_robot: SE2 | None = None
         self._ahead, self._impossible = 0.0, 0
         self._step, self._jumped = (0.0, 0.0), False
+        self._stood = False  # whether the robot may have stood while the odometry began anew
         self._noise, self._lag = OdometryNoise(config.odometry), OdometryLag(config.odometry.learning)
         # The odometry's frame at the last keyframe, and the odometry's distance and turn since then.
         self._T_map_odom = SE2.identity()
@@ -47,7 +51,7 @@ class MotionModel:
         if inertia.stamp is None:
             start = now or SE2.identity()
             return PosePrior(start, _NONE, _NONE, start, _no_coasting)
-        self._jumped = False
+        self._jumped = self._stood = False
         if now is None or before is None:
             return self._by_constant_velocity(reading.scan.stamp)
         stamp, step = reading.scan.stamp, before.to(now)
@@ -61,6 +65,9 @@ class MotionModel:
             start = SE2(*(p + n - b for p, n, b in zip(inertia.T_map_robot, now, before, strict=True)))
             return PosePrior(start, motion, motion, start, _no_coasting, by_odometry=True)
         start, deviations = inertia.T_map_robot @ step, _with_variances(motion, self._of_keyframe)
+        is_at_origin = length > _JUMP and max(map(abs, reading.T_odom_origin.to(now))) < _ORIGIN
+        stood = inertia.standing(stamp) if is_at_origin else None
+        self._stood = stood is not None
         # Positional arguments, since names take half as long again.
         return PosePrior(
             self._T_map_odom @ now,
@@ -71,6 +78,7 @@ class MotionModel:
             0.0,
             True,
             inertia.swerve(start, stamp),
+            stood,
         )
 
     def motion_after(self, reading: Reading, duration: float) -> SE2:
@@ -100,6 +108,9 @@ class MotionModel:
         Otherwise a robot drives in circles for minutes if its scans do not fit (fr-clinic without odometry).
         """
         now, before = self._lag.pose_at(reading), self._T_odom_robot
+        if self._stood and now is not None:
+            by_odometry, before_pause = self._T_map_odom @ now, self._inertia.T_map_robot
+            self._jumped = _distance(T_map_robot, before_pause) < _distance(T_map_robot, by_odometry)
         if self._inertia.stamp is None:
             self.begin_at_keyframe(reading, T_map_robot)
         else:
@@ -178,6 +189,11 @@ class MotionModel:
 def _no_coasting() -> None:
     """Return no pose: the prior is the first one, comes from the last motion, or is composed by components."""
     return
+
+
+def _distance(one: SE2, other: SE2) -> float:
+    """Return the distance of two poses [m]."""
+    return math.hypot(other[0] - one[0], other[1] - one[1])
 
 
 def _with_variances(motion: Deviations, more: Deviations) -> Deviations:

@@ -20,6 +20,8 @@ from tbmslam.tracking.student_t import FREEDOM, student_cost
 _BEGINS = 0.001
 """Probability that a fault begins at a keyframe. With 0.01 a day's drive round a block is torn at one of its
 corners. Of 56 runs with reversed odometry one exceeds its bar with either."""
+RESTART_COST = -math.log(_BEGINS)
+"""Cost of odometry that began anew during a pause: it is as rare as a fault that begins at a keyframe."""
 _LASTS = 0.9
 """Probability that a fault lasts until the next keyframe, so ten keyframes or some three metres in the mean."""
 _WITHIN = (

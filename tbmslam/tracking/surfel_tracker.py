@@ -15,7 +15,7 @@ from tbmslam.kernels.surfels.outline import Outline, outline_of
 from tbmslam.kernels.surfels.surfel_alignment import Search
 from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.fit_by_chance import misfit_cost
-from tbmslam.tracking.odometry_fault import OdometryFault, faulty_cost
+from tbmslam.tracking.odometry_fault import RESTART_COST, OdometryFault, faulty_cost
 from tbmslam.tracking.odometry_noise import Deviations
 from tbmslam.tracking.scan_to_scan import RecentScans, ScanMotion
 from tbmslam.tracking.student_t import FREEDOM, student_cost, student_weight
@@ -251,11 +251,14 @@ class SurfelTracker:
         return best
 
     def _returned(self, prior: PosePrior, T_robot_sensor: SE2) -> _Returned | None:
-        """Return the pose by odometry that is again as before a fault; None if no fault is suspected."""
-        if not prior.by_odometry or (found := self._fault.returned(prior.mean, prior.deviations)) is None:
+        """Return the pose if the odometry began anew, or is again as before a fault; None if neither is suspected."""
+        if prior.stood is not None:
+            (pose, deviations), cost = prior.stood, RESTART_COST
+        elif prior.by_odometry and (found := self._fault.returned(prior.mean, prior.deviations)) is not None:
+            (pose, deviations), cost = found, 0.0
+        else:
             return None
-        pose, deviations = found
-        dearer = math.log(math.prod(deviations) / math.prod(prior.deviations))
+        dearer = cost + math.log(math.prod(deviations) / math.prod(prior.deviations))
         return _Returned(_PoseBelief.of(pose, deviations, T_robot_sensor), dearer)
 
     def _outline_of_keyframe(self) -> Outline:
@@ -270,7 +273,7 @@ class SurfelTracker:
 
     def _may_be_faulty(self, prior: PosePrior) -> bool:
         """Return whether the odometry suddenly leaves the robot's last motion, or was faulty a short time ago."""
-        return prior.swerve > _SWERVE or self._fault.is_suspected
+        return prior.swerve > _SWERVE or prior.stood is not None or self._fault.is_suspected
 
     def _hits_of(self, scan: LaserScan) -> Hits:
         """Return a scan's hits. Those of the last scan are remembered, since a scan is registered and then inserted."""

@@ -72,6 +72,8 @@ class PosePrior(NamedTuple):
     by_odometry: bool = False
     swerve: float = 0.0
     """Distance of the odometry's step since the last scan from the robot's last motion at equal speed [m]."""
+    stood: Coasting | None = None
+    """The pose after a pause in which the odometry moved far, if the robot stood and the odometry began anew."""
 
     def is_loose(self) -> bool:
         """Return whether the prior is so wide that some hits fit by chance somewhere within it."""

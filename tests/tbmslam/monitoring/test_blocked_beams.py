@@ -196,6 +196,17 @@ def test_a_robot_at_rest_whose_odometry_starts_or_stops_reports_no_blocked_beams
     )
 
 
+@pytest.mark.parametrize("is_forgotten", [True, False])
+def test_odometry_that_jumps_blocks_no_beams_if_it_is_forgotten(is_forgotten):
+    beams, odometry = BlockedBeams(BlockedBeamsConfig()), [SE2.identity(), SE2(5.0, 2.0, 2.0), SE2(0.0, 9.0, -2.0)]
+    found = []
+    for k in range(60):
+        if is_forgotten and k % 20 == 0:
+            beams.forget_odometry()
+        found.append(beams.learn(blocked_beams_scan(k, covered(9)), k, SE2.identity(), odometry[k // 20]))
+    assert any(found) != is_forgotten
+
+
 def test_another_number_of_beams_restarts_the_check():
     beams, _ = drive(covered)
     other = blocked_beams_scan(50, np.full(60, 0.25))

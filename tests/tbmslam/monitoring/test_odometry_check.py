@@ -7,6 +7,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.odometry_check import (
     DISAGREE,
     ELSEWHERE,
+    MOVED,
     Contradictions,
     OdometryCheck,
     OdometryCheckConfig,
@@ -15,7 +16,7 @@ from tbmslam.monitoring.odometry_check import (
 )
 from tbmslam.sensing.laser_scan import LaserScan
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, odometry
-from tbmslam.tracking.tracker import PosePrior, ScanMatch
+from tbmslam.tracking.tracker import Coasting, PosePrior, ScanMatch
 
 
 def at(k, speed=0.3):
@@ -34,6 +35,14 @@ def test_odometry_that_slips_or_turns_disagrees_and_then_again_only_after_a_whil
         assert said == [k == 10 for k in range(30)]
     assert not check.disagrees(None, at(31))
     assert not check.disagrees(at(99), at(32))
+
+
+def test_after_a_jump_only_later_motions_are_compared():
+    check = OdometryCheck(OdometryCheckConfig())
+    assert not any(check.disagrees(at(k), at(k)) for k in range(10))
+    check.forget()
+    assert not any(check.disagrees(SE2(90.0, 0.0, 1.0) @ at(k), at(k)) for k in range(10, 20))
+    assert check.disagrees(at(20), at(20))
 
 
 ROOM = np.diag([4e4, 4e4, 1e5])
@@ -107,6 +116,15 @@ def prior(way, by_odometry=True):
 
 def test_a_robot_that_was_carried_in_a_pause():
     assert told([(0.0, 0.0, 1.5), (0.1, 0.05, 1.5), (2.2, 0.1, 0.005), (2.3, 0.15, 1.5)]) == ["", "", ELSEWHERE, ""]
+
+
+def test_odometry_that_moved_in_a_pause_although_the_scan_shows_the_same_place():
+    progress, pose = Contradictions(), SE2(9.0, 0.0, 0.0)
+    stood = Coasting(SE2.identity(), DEVIATIONS)
+    assert progress.message_of(0.0, match(1.5), prior(0.0)) == ""
+    after = PosePrior(pose, DEVIATIONS, DEVIATIONS, pose, lambda: None, by_odometry=True, stood=stood)
+    assert progress.message_of(60.0, match(0.005), after) == MOVED
+    assert progress.message_of(60.1, match(1.5), prior(9.0)) == ""
 
 
 @pytest.mark.parametrize(("pause", "way", "trust"), [(0.5, 0.1, 0.005), (2.0, 0.9, 0.005), (2.0, 0.1, 0.3)])

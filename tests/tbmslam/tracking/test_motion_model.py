@@ -6,6 +6,7 @@ import pytest
 
 from tbmslam.geometry.se2 import SE2
 from tbmslam.sensing.laser_scan import LaserScan, Reading
+from tbmslam.sensing.segmentation import in_frame
 from tbmslam.tracking.motion_config import MotionConfig
 from tbmslam.tracking.motion_model import MotionModel
 from tbmslam.tracking.odometry_noise import OdometryNoiseConfig
@@ -155,6 +156,37 @@ def test_after_a_jump_the_odometry_counts_from_where_the_scan_was_placed():
     # Before the jump, half a second without odometry, and after it.
     without = 0.005 + 0.5 * 0.5
     assert after == pytest.approx(np.sqrt(np.square(before) + without**2 + np.square(prior.deviations)), rel=0.01)
+
+
+def test_odometry_that_is_at_its_origin_after_a_pause_may_have_begun_anew():
+    model = MotionModel(MotionConfig())
+    pose = SE2(0.4, 0.1, 0.3)
+    for stamp in (0.0, 0.5):
+        model.correct(reading(stamp, SE2(8.0 * stamp, 2.0, 0.0)), pose)
+    assert model.predict(reading(1.4, SE2.identity())).stood is None  # no pause
+    assert model.predict(reading(600.0, SE2(2.0, 2.0, 0.0))).stood is None  # no far step
+    assert model.predict(reading(600.0, SE2(0.0, 0.2, 0.0))).stood is None  # not the origin
+    stood = model.predict(reading(600.0, SE2.identity())).stood
+    assert stood is not None
+    assert stood.mean == pose
+    assert max(stood.deviations) < 1.0
+    moved = in_frame(reading(600.0, SE2.identity()), SE2(4.0, 2.5, 0.0) @ SE2(0.0, 0.0, 1.0))
+    assert model.predict(moved).stood is None  # near in this frame
+    assert model.predict(in_frame(reading(600.0, SE2.identity()), SE2(1.0, -2.5, 1.0))).stood is not None
+
+
+@pytest.mark.parametrize("stood", [True, False])
+def test_after_a_pause_the_odometry_counts_from_where_the_scan_was_placed(stood):
+    model = MotionModel(MotionConfig())
+    for stamp in (0.0, 0.5):
+        model.predict(reading(stamp, SE2(8.0 * stamp, 2.0, 0.0)))
+        model.correct(reading(stamp, SE2(8.0 * stamp, 2.0, 0.0)), SE2(8.0 * stamp, 2.0, 0.0))
+    model.begin_at_keyframe(reading(0.5, SE2(4.0, 2.0, 0.0)), SE2(4.0, 2.0, 0.0))
+    model.predict(reading(600.0, SE2.identity()))
+    model.correct(reading(600.0, SE2.identity()), SE2(4.1, 2.0, 0.1) if stood else SE2(0.1, 0.0, 0.1))
+    prior = model.predict(reading(600.5, SE2(0.2, 0.0, 0.0)))
+    # Between keyframes the odometry counts from the last of them, unless it began anew.
+    assert prior.mean == pytest.approx(SE2(4.1, 2.0, 0.1) @ SE2(0.2, 0.0, 0.0) if stood else SE2(0.2, 0.0, 0.0))
 
 
 def test_a_keyframe_forgets_how_the_robot_came_there():
