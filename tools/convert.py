@@ -62,6 +62,10 @@ def _run(args: argparse.Namespace) -> None:
     check_exist([args.map], "does not exist: give a map's folder or file")
     ending = _format_of(args.out)
     refuse_to_overwrite(_files_read(args.map), _files_written(args.out, ending))
+    if not ending:
+        from tools.command_line.other_results import refuse_other_results
+
+        refuse_other_results(args.out, of_merge=False)
     tbm_map = _read(args.map, args.resolution, args.origin and tuple(args.origin))
     _write(args.out, ending, tbm_map)
     print(f"{args.map}: {tbm_map.grid.summary()} -> {args.out}")

@@ -94,10 +94,12 @@ def _run(args: argparse.Namespace) -> None:
     from tbmslam.io.ros_map import write_ros_map
     from tbmslam.map.edits import without_scans
     from tools.command_line.checksums import RUN_FILES, write_checksums
+    from tools.command_line.other_results import refuse_other_results
     from tools.command_line.output_folder import output_folder
 
     read = files_of_map(args.map)
     refuse_to_overwrite(read, (args.out / name for name in (*FIXED_NAMES, *_MASKS, *RUN_FILES)))
+    refuse_other_results(args.out, of_merge=False)
     tbm_map = load_map(args.map)
     earlier = _earlier_edits(read[0], tbm_map)
     wanted = _wanted_edits(args, earlier)

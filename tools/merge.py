@@ -259,6 +259,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
         from tbmslam.configuration.parameters import ConfigError
         from tbmslam.io.map_folder import load_map
         from tbmslam.report.page import RunInfo
+        from tools.command_line.other_results import refuse_other_results
         from tools.command_line.output_folder import output_folder
         from tools.command_line.progress import ProgressBars
 
@@ -269,6 +270,7 @@ def _merge(options: argparse.Namespace, config: "MergeConfig", command: str) -> 
         raise ConfigError(f"--reliability: {strangers[0]!r} is not one of the maps, which are {', '.join(named)}")
     _check_known_poses(config, list(named))
     _check_files(options.maps, options.out)
+    refuse_other_results(options.out, of_merge=True)
     with output_folder(options.out):
         maps = {name: load_map(path) for name, path in progress.each(named.items(), "loading", len(named), "maps")}
         for first, second, shared, of in duplicate_drives(maps):

@@ -305,6 +305,17 @@ def drive_lengths(path: str | os.PathLike[str]) -> list[tuple[str, int]]:
     return list(zip(names, sizes, strict=True))
 
 
+def is_merged_map(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is a map that a merge made, by its provenance."""
+    try:
+        if why_unreadable(Path(path)):
+            return False
+        with ArrayZip(path) as arrays:
+            return "merged_from" in _read_provenance(arrays)
+    except (NpzError, OSError, ValueError, RecursionError):
+        return False
+
+
 def _require_version(path: str | os.PathLike[str], arrays: ArrayZip) -> None:
     version = int(arrays.read("format_version", np.int64, ()))
     if version != FORMAT_VERSION:

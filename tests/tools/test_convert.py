@@ -48,21 +48,38 @@ def test_a_map_that_replaces_an_edited_one_has_no_edits(plan, tmp_path):
     assert changed_files(tmp_path / "edited") == []
 
 
-def test_a_map_that_replaces_a_mapped_one_has_no_records_of_its_run(bag, plan, tmp_path, capsys):
-    words = [str(bag), "-o", str(tmp_path / "maps"), "--occupancy-bag", *QUICK]
-    assert build_maps.main(words) == 0
-    robot = tmp_path / "maps" / "robot_0"
-    others = ("report.json", "report.html", "overlay.png", "contradictions.png", "notes.txt")
-    for name in others:  # as of a merge
-        (robot / name).write_text("old")
-    assert run(plan, robot) == 0
-    old = {"config.toml", "run.json", "map.bag", *others}
-    assert old & {file.name for file in robot.iterdir()} == {"notes.txt"}
-    assert changed_files(robot) == []
-    capsys.readouterr()
-    assert build_maps.main(words) == 0
-    assert "kept" not in capsys.readouterr().out
-    assert load_map(robot).drives
+@pytest.mark.parametrize(
+    ("files", "fact"),
+    [
+        (("map.npz", "SHA256SUMS", "run.json"), r"holds the map of a robot \(run\.json\), which would be replaced"),
+        (("map.npz", "SHA256SUMS", "report.json"), r"holds a merged map \(report\.json\), which would be replaced"),
+        (("map.yaml", "map.pgm"), r"holds map\.yaml, map\.pgm, which would be replaced"),
+        (("map.bag",), r"holds map\.bag, which would be replaced"),
+        (("config.toml",), r"holds config\.toml, which would be replaced"),
+        (("metadata.yaml", "run_0.db3"), "is the folder of a ROS bag"),
+    ],
+)
+@pytest.mark.parametrize("program", ["convert", "edit"])
+def test_a_folder_of_other_results_is_refused(plan, tmp_path, capsys, files, fact, program):
+    out = tmp_path / "other"
+    out.mkdir()
+    for name in files:
+        (out / name).write_text("mine")
+    code = run(plan, out) if program == "convert" else edit.main([str(plan), "--rotate", "5", "-o", str(out)])
+    assert code == 1
+    assert re.fullmatch(rf"{program}: \S+: {fact}.*: choose another folder\n", capsys.readouterr().err)
+    assert {path.name: path.read_text() for path in out.iterdir()} == dict.fromkeys(files, "mine")
+
+
+@pytest.mark.parametrize("program", ["convert", "edit"])
+def test_a_map_replaces_a_converted_or_edited_one(plan, tmp_path, program):
+    assert run(plan, tmp_path / "out") == 0
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    words = [str(plan), "--rotate", "5", "-o", str(tmp_path / "out")]
+    for _ in range(2):
+        assert (run(plan, tmp_path / "out") if program == "convert" else edit.main(words)) == 0
+    assert changed_files(tmp_path / "out") == []
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.parametrize("name", ["map.bag", "keepout.yaml"])

@@ -134,17 +134,6 @@ def test_damaged_edits_of_the_map_are_one_line(room, tmp_path, monkeypatch, caps
     assert not (tmp_path / "k2").exists()
 
 
-def test_a_map_that_replaces_a_mapped_one_has_no_records_of_its_run(bag, room, tmp_path):
-    assert build_maps.main([str(bag), "-o", str(tmp_path / "maps"), "--occupancy-bag", *QUICK]) == 0
-    robot = tmp_path / "maps" / "robot_0"
-    (robot / "report.html").write_text("old")
-    assert run(room, "--rotate", 5, "-o", robot) == 0
-    left = {file.name for file in robot.iterdir()}
-    assert not {"config.toml", "run.json", "report.html"} & left
-    assert "map.bag" in left
-    assert changed_files(robot) == []
-
-
 def test_edits_are_repeated_on_a_map_that_was_built_again_in_their_folder(bag, tmp_path):
     maps = tmp_path / "maps"
     assert build_maps.main([str(bag), "-o", str(maps), *QUICK]) == 0

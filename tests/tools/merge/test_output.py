@@ -67,3 +67,37 @@ def test_nothing_is_written_into_a_folder_without_a_name(folders, usage_error):
     assert "is a variable of the shell unset?" in usage_error(
         merge.main, [str(folders / "here"), str(folders / "there"), "-o", ""]
     )
+
+
+@pytest.mark.parametrize(
+    ("files", "fact"),
+    [
+        (("map.npz", "run.json"), r"holds the map of a robot \(run\.json\), which would be replaced"),
+        (("run.json", "report.json"), r"holds the map of a robot"),
+        (("map.yaml", "map.pgm"), r"holds map\.yaml, map\.pgm, which no merge wrote and which would be replaced"),
+        (("map.npz",), r"holds map\.npz, which no merge wrote"),
+        (("map.bag",), r"holds map\.bag, which no merge wrote"),
+        (("config.toml",), r"holds config\.toml, which no merge wrote"),
+        (("map.npz", "map.yaml", "map.pgm", "edits.toml"), r"holds map\.npz, map\.yaml, map\.pgm, \.\.\., which no"),
+        (("metadata.yaml", "run_0.db3"), "is the folder of a ROS bag"),
+        (("run_0.mcap",), "is the folder of a ROS bag"),
+    ],
+)
+def test_a_merge_replaces_nothing_but_a_merge(folders, tmp_path, capsys, files, fact):
+    for name in files:
+        (tmp_path / name).write_text("mine")
+    assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert re.fullmatch(rf"merge: \S+: {fact}.*: choose another folder\n", said)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys(files, "mine")
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_merge_replaces_an_earlier_merge(folders, tmp_path, interrupted):
+    words = [str(folders / "here"), str(folders / "there"), "-o", str(tmp_path), "--occupancy-bag", "mcap"]
+    assert merge.main(words) == 0
+    if interrupted:
+        for name in ("report.json", "report.html", "SHA256SUMS"):
+            (tmp_path / name).unlink()
+    assert merge.main(words) == 0
+    assert (tmp_path / "report.json").is_file()
