@@ -6,7 +6,7 @@ from pathlib import Path
 from datasets.errors import DatasetError
 from datasets.options import RecordingOptions
 from datasets.recording import Recording
-from datasets.rosbag.bag_files import STORAGE_SUFFIXES
+from datasets.rosbag.bag_files import STORAGE_SUFFIXES, log_of
 from datasets.text_files import first_bytes
 from tbmslam.special_file import is_device_or_pipe, sha256_of, why_unreadable
 
@@ -105,6 +105,7 @@ def _kind_of_directory(path: Path) -> str:
 _FILES = (".bag", ".db3", ".mcap", ".log", ".clf")
 _PACKED = (".gz", ".bz2", ".xz")
 _ROS_2 = (".db3", ".mcap", ".zstd")
+_LOGS = (".db3-wal", ".db3-shm")  # of a recorder that was interrupted
 
 
 def list_recordings(paths: Iterable[Path]) -> list[Path]:
@@ -131,7 +132,7 @@ def _recordings_at(path: Path) -> list[Path]:
 
 def _is_ros2_bag(directory: Path) -> bool:
     """Return whether a directory is a ROS 2 bag: it has its description, or only storage files."""
-    names = [entry.name for entry in _entries(directory)]
+    names = [entry.name for entry in _entries(directory) if not entry.name.endswith(_LOGS)]
     return "metadata.yaml" in names or (bool(names) and all(name.endswith(_ROS_2) for name in names))
 
 
@@ -152,12 +153,18 @@ def _entries(directory: Path) -> list[Path]:
 
 
 def file_digests(paths: Iterable[Path]) -> list[dict[str, str | int]]:
-    """Return name, size and SHA-256 of each file, also of those in directories, or raise a `DatasetError`."""
+    """Return name, size and SHA-256 of each file, also of those in directories and of logs beside databases.
+
+    Raises a `DatasetError` if a file cannot be read.
+    """
     return [_digest(file) for path in paths for file in _files(path)]
 
 
 def _files(path: Path) -> list[Path]:
-    return sorted(entry for entry in path.rglob("*") if entry.is_file()) if path.is_dir() else [path]
+    if path.is_dir():
+        return sorted(entry for entry in path.rglob("*") if entry.is_file())
+    log = log_of(path)
+    return [path] if log is None else [path, log]
 
 
 def _digest(file: Path) -> dict[str, str | int]:

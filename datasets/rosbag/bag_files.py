@@ -33,6 +33,20 @@ def storage_files(folder: Path) -> list[Path]:
     return sorted(files, key=lambda file: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", file.name)])
 
 
+_LOG_HEADER = 32  # bytes of a write-ahead log without content
+
+
+def log_of(file: Path) -> Path | None:
+    """Return the write-ahead log of a database, in which a recorder that was interrupted leaves the last messages."""
+    if file.suffix != ".db3":
+        return None
+    for place in (os.fspath(file), os.path.realpath(file)):
+        log = Path(f"{place}-wal")
+        if log.is_file() and log.stat().st_size > _LOG_HEADER:
+            return log
+    return None
+
+
 class CutFileError(ValueError):
     """A file of a bag ends too soon."""
 
@@ -45,7 +59,7 @@ def check_files(path: Path) -> None:
     for file in [path / "metadata.yaml", *storage_files(path)] if path.is_dir() else [path]:
         if why := why_unreadable(file):
             raise CutFileError(f"{file.name} {why}")
-        if not file.is_file():
+        if not file.is_file() or log_of(file):  # which may hold the rest
             continue
         with file.open("rb") as stream:
             head = stream.read(100)
@@ -84,11 +98,23 @@ def unpacked(path: Path) -> UnpackedFile:
     return _known[key]
 
 
-def _unpack(path: Path) -> UnpackedFile:
+def temporary_folder() -> Path:
+    """Return a new folder that is removed when the program ends."""
     if os.getpid() not in _folders:
         # Windows removes no file that is open or mapped, and at the end of a program some still are.
         _folders[os.getpid()] = tempfile.TemporaryDirectory(prefix="tbmslam-", ignore_cleanup_errors=True)
-    folder = Path(tempfile.mkdtemp(dir=_folders[os.getpid()].name))
+    return Path(tempfile.mkdtemp(dir=_folders[os.getpid()].name))
+
+
+def no_room(path: Path, what: str, folder: Path, why: str) -> DatasetError:
+    """Return the error of a file that cannot be unpacked or copied into a temporary folder."""
+    return DatasetError(
+        f"{path}: cannot be {what} into {folder} ({why}): make room, or set TMPDIR to a folder with room"
+    )
+
+
+def _unpack(path: Path) -> UnpackedFile:
+    folder = temporary_folder()
     content, damage = folder / path.stem, None
     try:
         with open_unpacked(path) as packed, content.open("wb") as whole:
@@ -100,10 +126,7 @@ def _unpack(path: Path) -> UnpackedFile:
     except OSError as error:
         with contextlib.suppress(OSError):
             shutil.rmtree(folder)
-        raise DatasetError(
-            f"{path}: cannot be unpacked into {folder.parent} ({error.strerror}): make room, or set TMPDIR to a folder "
-            "with room"
-        ) from error
+        raise no_room(path, "unpacked", folder.parent, str(error.strerror)) from error
     return UnpackedFile(content, damage)
 
 

@@ -11,8 +11,17 @@ from typing import TYPE_CHECKING
 from rosbags import rosbag1
 
 from datasets.errors import DatasetError
-from datasets.rosbag.bag_files import CutFileError, UnpackedFile, check_files, is_ros1, storage_files, unpacked
+from datasets.rosbag.bag_files import (
+    CutFileError,
+    UnpackedFile,
+    check_files,
+    is_ros1,
+    log_of,
+    storage_files,
+    unpacked,
+)
 from datasets.rosbag.indexed_messages import IndexedMessages, RawMessage, plain
+from datasets.rosbag.write_ahead_log import with_log
 from datasets.salvage.salvaged_bag import BagAnnouncement, Loss, SalvagedBag, announced_by
 from tbmslam.special_file import why_unreadable
 
@@ -88,12 +97,12 @@ class BagSource:
             raise DatasetError(f"{path}: {why}: give a recording's file or folder")
         try:
             content = unpacked(path)
-            self._file = content.path
+            self._file, self._note = with_log(content.path)
             self.is_ros1 = is_ros1(self._file)
         except OSError as error:
             raise DatasetError(f"{path}: cannot be read: {error.strerror}: check its permissions") from error
         try:
-            _check(content)
+            _check(content._replace(path=self._file))
             if _is_indexed(self._file):
                 self._idle = OpenBag(self._file, self.is_ros1)
                 self.connections, self.span = self._idle.connections, self._idle.span
@@ -138,7 +147,9 @@ class BagSource:
         """Return one line for each damaged file."""
         of_parts = [line for part in self._parts for line in part.damages()]
         is_listed = self.damage is None or any(f": {self.damage}" in line for line in of_parts)
-        return of_parts if is_listed else [f"{self.path}: {self.damage}", *of_parts]
+        own = [self._note] if self._note else []
+        own += [self.damage] if self.damage and not is_listed else []
+        return [*(f"{self.path}: {line}" for line in own), *of_parts]
 
     def close(self) -> None:
         """Close the files; another pass opens them again."""
@@ -171,7 +182,7 @@ class BagSource:
                 yield RawMessage(connection, time, data)
 
     def _read_through(self) -> None:
-        """Read the data section of MCAP files whose index leaves messages out, as the format allows."""
+        """Read files one by one: databases with logs, and MCAP files whose index leaves messages out, as it may."""
         if self.path.is_dir():
             self._parts = [BagSource(path) for path in storage_files(self.path)]
             self._announced = announced_by(self.path)
@@ -216,8 +227,11 @@ def _check(content: UnpackedFile) -> None:
 
 
 def _is_indexed(path: Path) -> bool:
-    """Return whether rosbags finds all messages or raises an error; else the index of a file is incomplete."""
-    files = [file for file in (storage_files(path) if path.is_dir() else [path]) if file.suffix == ".mcap"]
+    """Return whether rosbags finds all messages or raises an error; else a file's index or the file is incomplete."""
+    storage = storage_files(path) if path.is_dir() else [path]
+    if path.is_dir() and any(map(log_of, storage)):
+        return False
+    files = [file for file in storage if file.suffix == ".mcap"]
     if not files:
         return True
     from datasets.salvage.mcap_file import has_full_index  # noqa: PLC0415 - other files do not need it
