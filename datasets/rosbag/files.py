@@ -78,9 +78,9 @@ class BagFiles:
         """Return the first point clouds of a topic, at most `count`; unreadable clouds are left out."""
         clouds: list[PointCloud] = []
         for source in self._sources:
-            decoded = MessageDecoder(source.is_ros1).decoded
+            decoders = MessageDecoder(is_ros1=False), MessageDecoder(is_ros1=True)
             for connection, _, data in islice(source.messages([topic], topic), count - len(clouds)):
-                cloud = decoded(connection.msgtype, data)
+                cloud = decoders[connection.is_ros1].decoded(connection.msgtype, data)
                 if isinstance(cloud, PointCloud):
                     clouds.append(cloud)
         return clouds
@@ -142,11 +142,10 @@ class BagFiles:
 
 
 def _stream(source: BagSource, topics: Collection[str], steered_by: str, cut: CloudSlice | None) -> Iterator[Message]:
-    if source.is_ros1:
-        _check_definitions(source.path, [each for each in source.connections if each.topic in topics])
-    decoded = MessageDecoder(source.is_ros1).decoded
+    _check_definitions(source.path, [each for each in source.connections if each.topic in topics and each.is_ros1])
+    decoders = MessageDecoder(is_ros1=False), MessageDecoder(is_ros1=True)
     for connection, time, data in source.messages(topics, steered_by):
-        content = decoded(connection.msgtype, data)
+        content = decoders[connection.is_ros1].decoded(connection.msgtype, data)
         if isinstance(content, PointCloud):
             content = None if cut is None else FramedScan(content.frame, cut.scan(content))
         yield Message(connection.topic, connection.msgtype, 1e-9 * time, content)

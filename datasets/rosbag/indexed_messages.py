@@ -8,7 +8,7 @@ from itertools import pairwise, repeat
 from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, ConnectionExtRosbag1
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import IndexData, read_bytes
 
@@ -106,7 +106,8 @@ class IndexedMessages:
 
 def plain(connection: Connection) -> BagConnection:
     """Return a connection without its reader."""
-    return BagConnection(connection.id, connection.topic, connection.msgtype, connection.digest, connection.msgcount)
+    facts = (connection.id, connection.topic, connection.msgtype, connection.digest, connection.msgcount)
+    return BagConnection(*facts, is_ros1=isinstance(connection.ext, ConnectionExtRosbag1))
 
 
 def _decompressed(reader: Reader, place: int) -> bytes:

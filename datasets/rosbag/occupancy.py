@@ -105,13 +105,13 @@ def read_occupancy_bag(path: Path) -> TbmGrid:
     if len(topics) != 1:
         raise DatasetError(f"{path}: holds {', '.join(topics) or 'no'} OccupancyGrid topics: it must hold exactly one")
     (topic,) = topics
-    data = None
+    data, is_ros1 = b"", source.is_ros1
     for message in source.messages([topic], topic):
-        data = message.data
+        data, is_ros1 = message.data, message.connection.is_ros1
     source.close()
-    store = standard_types(source.is_ros1)
+    store = standard_types(is_ros1)
     try:
-        content = (store.deserialize_ros1 if source.is_ros1 else store.deserialize_cdr)(data or b"", _TYPE)
+        content = (store.deserialize_ros1 if is_ros1 else store.deserialize_cdr)(data, _TYPE)
     except Exception as error:  # rosbags raises anything on damaged bytes
         raise DatasetError(f"{path}: the map on {topic} cannot be decoded: record it again") from error
     return _grid(path, content)

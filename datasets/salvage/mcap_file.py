@@ -26,6 +26,7 @@ _NOT_COMPRESSED = b"\0\0\0\0"
 _LARGEST_CHUNK = 1 << 30
 _INDEX_HEAD = 15  # size of the index of a channel's messages in a chunk [bytes]
 _INDEX_ENTRY = 16  # size for each message [bytes]
+_ROS_1 = "ros1"  # encoding of messages that were converted from a bag, which rosbags does not read
 _LATEST = (1 << 63) - 1  # [ns]
 
 
@@ -35,6 +36,8 @@ def has_full_index(path: Path) -> bool:
         reader = make_reader(file)
         profile, summary = reader.get_header().profile, reader.get_summary()
     if profile != "ros2" or summary is None or summary.statistics is None:
+        return False
+    if any(channel.message_encoding == _ROS_1 for channel in summary.channels.values()):
         return False
     statistics, chunks = summary.statistics, summary.chunk_indexes
     indexed = sum(chunk.message_index_length - _INDEX_HEAD * len(chunk.message_index_offsets) for chunk in chunks)
@@ -58,10 +61,19 @@ def salvage_mcap(path: Path, reason: str) -> SalvagedBag:
         reason += f", {UNKNOWN_LOSS}"
     entries = np.frombuffer(scan.entries, dtype=np.int64).reshape(-1, 5)
     connections = [
-        BagConnection(number, channel.topic, scan.schemas.get(channel.schema_id, ""), "")
+        _connection(number, channel, scan.schemas.get(channel.schema_id, ""))
         for number, channel in scan.channels.items()
     ]
     return SalvagedBag.of(path, reason, connections, entries, scan.holes, partial(_messages_of_chunk, path))
+
+
+def _connection(number: int, channel: Channel, schema: str) -> BagConnection:
+    """Return the connection of a channel; a type of ROS 1 gets the name that it has in ROS 2."""
+    if channel.message_encoding != _ROS_1:
+        return BagConnection(number, channel.topic, schema, "")
+    package, _, name = schema.rpartition("/")
+    msgtype = schema if not package or "/" in package else f"{package}/msg/{name}"
+    return BagConnection(number, channel.topic, msgtype, channel.metadata.get("md5sum", ""), is_ros1=True)
 
 
 class _Scan:

@@ -252,7 +252,7 @@ class _Scan:
         msgtype = normalize_msgtype(fields[b"type"].decode("utf-8", "replace"))
         digest = fields.get(b"md5sum", b"*").decode("utf-8", "replace")
         number = record.number(b"conn")
-        self.connections.setdefault(number, BagConnection(number, topic, msgtype, digest))
+        self.connections.setdefault(number, BagConnection(number, topic, msgtype, digest, is_ros1=True))
 
 
 class _Blocks:

@@ -25,6 +25,8 @@ class BagConnection(NamedTuple):
     msgtype: str
     digest: str
     msgcount: int = 0
+    is_ros1: bool = False
+    """Whether its messages have the format of ROS 1, which an MCAP file may hold too."""
 
 
 class Hole(NamedTuple):

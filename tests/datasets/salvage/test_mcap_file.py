@@ -25,7 +25,7 @@ def file(request, tmp_path):
 def test_all_messages_without_the_index(file):
     bag = salvage_mcap(file, "damaged")
     (connection,) = bag.connections
-    assert connection[1:] == ("/scan", "a/msg/B", "", 200)
+    assert connection[1:] == ("/scan", "a/msg/B", "", 200, False)
     read = [(time, data[0]) for _, time, data in bag.messages([connection], by_time=True)]
     assert read == [(10**9 * k, k % 256) for k in range(200)]
     assert bag.holes == ()
