@@ -70,6 +70,8 @@ def _kind(path: Path) -> str:
     if head.startswith(_BAG_STARTS):
         _check_suffix(path, head, packed=path.suffix)
         return "rosbag"
+    if b"rosbag2_bagfile_information:" in head:
+        raise DatasetError(f"{path}: describes a ROS 2 bag: give its folder, {path.parent}")
     if b"\0" in head:
         raise DatasetError(f"{path}: is neither a ROS bag nor a CARMEN log: give a laser recording")
     return "carmen"

@@ -107,13 +107,21 @@ def _check(grammar: argparse.ArgumentParser, options: argparse.Namespace, given:
 def _too_few(given: Sequence[Path], maps: Sequence[Path]) -> str:
     """Return the reason why there are not two maps, and the remedy."""
     remedy = "give their folders, such as out/robot_0 out/robot_1"
+    in_yaml = _yaml_maps(given)
     if len(given) != 1:
         return f"two maps or more are needed, got {len(maps)}: {remedy}"
     if not given[0].exists():
         return f"{given[0]}: does not exist: {remedy}, or a folder of maps that `tbmslam map` wrote"
     if given[0].is_dir() and not holds_map(maps[0]):
-        return f"{given[0]}: holds no map: name a folder that `tbmslam map` wrote with -o"
-    return f"two maps or more are needed, {given[0]} is or holds only one: {remedy}"
+        return f"{given[0]}: holds no map: name a folder that `tbmslam map` wrote with -o{in_yaml}"
+    return f"two maps or more are needed, {given[0]} is or holds only one: {remedy}{in_yaml}"
+
+
+def _yaml_maps(given: Sequence[Path]) -> str:
+    """Return the remedy for maps of other programs, which a folder holds under names of their own."""
+    files = sorted(given[0].glob("*.y*ml")) if given and given[0].is_dir() else []
+    others = [file for file in files if file.name not in ("map.yaml", "keepout.yaml")]  # those of our own folders
+    return f", or give the .yaml files, such as {' '.join(map(str, files[:2]))}" if others else ""
 
 
 def _lies_in(path: Path, folder: Path) -> bool:

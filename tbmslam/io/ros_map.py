@@ -4,7 +4,7 @@ import logging
 import os
 import reprlib
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import cast, get_args
 
 import numpy as np
@@ -128,7 +128,7 @@ def _image_path(path: Path, name: object) -> Path:
     if not isinstance(name, str) or not name or "\0" in name:
         raise MapFileError(f"{path}: image must name a file, it is {reprlib.repr(name)}: correct it")
     folder = Path(os.path.normpath(path.parent.absolute()))  # symbolic links stay as they are
-    image = Path(os.path.normpath(folder / name))
+    image = _place(folder, name)
     if not image.is_relative_to(folder):
         if (folder / image.name).is_file():
             return path.parent / image.name
@@ -136,9 +136,18 @@ def _image_path(path: Path, name: object) -> Path:
     return path.parent / image.relative_to(folder)
 
 
+def _place(folder: Path, name: str) -> Path:
+    """Return the place that a name in the yaml of a folder states, which may be a path of Windows."""
+    place = Path(os.path.normpath(folder / name))
+    windows = PureWindowsPath(name)
+    if "\\" not in name or place.is_file():
+        return place
+    return Path(os.path.normpath(folder / (f"/{windows.name}" if windows.anchor else windows.as_posix())))
+
+
 def _warn_of_another_machine(path: Path, header: RosMapHeader) -> None:
-    stated = os.path.normpath(path.parent.absolute() / header.stated_image)
-    if stated != os.path.normpath(header.image.absolute()):
+    stated = _place(path.parent.absolute(), header.stated_image)
+    if stated != Path(os.path.normpath(header.image.absolute())):
         name, beside = reprlib.repr(header.stated_image), header.image.name
         logger.warning("%s: the image %s lies outside its folder: %s beside it is read", path, name, beside)
 

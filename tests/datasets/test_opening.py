@@ -28,6 +28,11 @@ from datasets.opening import file_digests, list_recordings
             gzip.compress(b"SQLite format 3\0", mtime=0),
             r"a\.gz: is a \.db3 file .*: rename it to end in \.db3\.gz$",
         ),
+        (
+            "metadata.yaml",
+            b"rosbag2_bagfile_information:\n  version: 9\n",
+            r"/metadata\.yaml: describes a ROS 2 bag: give its folder, \S+[^/]$",
+        ),
         ("picture.png", b"\x89PNG\0\0", r"picture\.png: is neither a ROS bag nor a CARMEN log: give a laser recording"),
     ],
 )

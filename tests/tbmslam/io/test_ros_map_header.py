@@ -111,7 +111,7 @@ def test_a_missing_file_is_named(tmp_path):
         read_ros_map_header(tmp_path / "none.yaml")
 
 
-@pytest.mark.parametrize("name", ["/home/robot/maps/hall.pgm", "../elsewhere/hall.pgm"])
+@pytest.mark.parametrize("name", ["/home/robot/maps/hall.pgm", "../elsewhere/hall.pgm", "C:\\maps\\hall.pgm"])
 def test_a_picture_of_another_machine_is_the_one_beside(tmp_path, caplog, name):
     folder = tmp_path / "maps"
     folder.mkdir()
@@ -125,5 +125,16 @@ def test_a_picture_of_another_machine_is_the_one_beside(tmp_path, caplog, name):
     assert not caplog.messages
     read_ros_map(folder / "hall.yaml")
     assert caplog.messages[:1] == [
-        f"{folder / 'hall.yaml'}: the image '{name}' lies outside its folder: hall.pgm beside it is read"
+        f"{folder / 'hall.yaml'}: the image {name!r} lies outside its folder: hall.pgm beside it is read"
     ]
+
+
+@pytest.mark.parametrize("name", ["hall.pgm", "a\\hall.pgm", ".\\a\\hall.pgm", "odd\\name.pgm"])
+def test_a_relative_path_of_windows_is_read(tmp_path, caplog, name):
+    (tmp_path / "a").mkdir()
+    file = tmp_path / {"hall.pgm": name, "odd\\name.pgm": name}.get(name, "a/hall.pgm")
+    file.write_bytes(b"P5 1 1 255 0")
+    header = header_of(tmp_path, image=name)
+    assert header.image == file
+    read_ros_map(tmp_path / "map.yaml")
+    assert "lies outside" not in caplog.text

@@ -48,7 +48,19 @@ def test_a_folder_with_one_map_or_none_is_refused(tmp_path, usage_error):
         ("single", "single is or holds only one: give their folders, such as out/robot_0 out/robot_1"),
         ("single/robot_0", "single/robot_0 is or holds only one"),
     ):
-        assert message in usage_error(merge.main, [str(tmp_path / name), "-o", str(tmp_path / "out")])
+        (tmp_path / "single" / "robot_0" / "map.yaml").touch()
+        said = usage_error(merge.main, [str(tmp_path / name), "-o", str(tmp_path / "out")])
+        assert message in said
+        assert ".yaml" not in said
+
+
+@pytest.mark.parametrize("names", [("hall.yaml", "lab.yaml"), ("map.yaml", "lab.yml")])
+def test_a_folder_of_maps_of_other_programs_needs_their_names(tmp_path, usage_error, names):
+    for name in names:
+        (tmp_path / name).touch()
+    first, second = sorted(tmp_path / name for name in names)
+    said = usage_error(merge.main, [str(tmp_path), "-o", str(tmp_path / "out")])
+    assert f", or give the .yaml files, such as {first} {second} (" in said
 
 
 def test_a_map_that_is_not_there_is_one_line_and_status_1(tmp_path, capsys):
