@@ -1,5 +1,6 @@
 """What an output folder must not hold: results of other programs and recordings, which a new result would replace."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from tbmslam.io.map_folder import FIXED_NAMES
@@ -38,6 +39,22 @@ def refuse_other_results(out: Path, *, of_merge: bool) -> None:
         shown = ", ".join(there[:_SHOWN]) + (", ..." if len(there) > _SHOWN else "")
         origin = "which no merge wrote and which" if of_merge else "which"
         raise OutputError(f"{out}: holds {shown}, {origin} would be replaced: {remedy}")
+
+
+def refuse_to_map_over(out: Path, folders: Iterable[Path]) -> None:
+    """Refuse folders of robots that hold a merged map or a map of another program, and a merged map beside them.
+
+    A map of the robot may be replaced, also an unfinished one.
+    """
+    for folder in (out, *folders):
+        names = _names_in(folder)
+        remedy = "which would be replaced: choose another folder"
+        if _MERGED in names and _MAPPED not in names:
+            what = "a merged map and its report" if folder == out else "a merged map"
+            raise OutputError(f"{folder}: holds {what} ({_MERGED}), {remedy}")
+        there = [name for name in FIXED_NAMES if name in names]
+        if folder != out and there and not {_MAPPED, _MAP} & names:
+            raise OutputError(f"{folder}: holds {', '.join(there[:_SHOWN])}, {remedy}")
 
 
 def _names_in(folder: Path) -> set[str]:

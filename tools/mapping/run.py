@@ -29,6 +29,7 @@ from tools.command_line.checksums import changed_files, write_checksums
 from tools.command_line.configuration import Configuration
 from tools.command_line.extra_files import check_extra_files, write_extra_files
 from tools.command_line.options import LIVE
+from tools.command_line.other_results import refuse_to_map_over
 from tools.command_line.output_folder import OutputError, output_folder
 from tools.command_line.paths import map_folders
 from tools.command_line.progress import ProgressBars
@@ -98,6 +99,7 @@ def _build(args: argparse.Namespace, config: Configuration, command: str, progre
     shelf = Shelf()
     tasks = plan_mapping(args, config, shelf, progress)
     _refuse_stale_robots(args.out, [task.name for task in tasks])
+    refuse_to_map_over(args.out, [task.folder for task in tasks])
     done, failure = _map(args, tasks, shelf, progress)
     made = [(task, done[task.name].tbm_map or load_map(task.folder)) for task in tasks if task.name in done]
     for task, tbm_map in made:

@@ -142,6 +142,24 @@ def test_a_file_in_the_place_of_a_robot_is_kept(bag, tmp_path, capsys):
     assert (tmp_path / "robot_0").read_text() == "precious"
 
 
+@pytest.mark.parametrize(
+    ("place", "files", "fact"),
+    [
+        (".", ("map.npz", "report.json"), r"holds a merged map and its report \(report\.json\), which would be"),
+        ("robot_0", ("map.npz", "report.json"), r"holds a merged map \(report\.json\), which would be replaced"),
+        ("robot_0", ("map.yaml", "map.pgm"), r"holds map\.yaml, map\.pgm, which would be replaced"),
+    ],
+)
+def test_a_map_of_other_origin_is_not_replaced(bag, tmp_path, capsys, place, files, fact):
+    folder = tmp_path / "out" / place
+    folder.mkdir(parents=True)
+    for name in files:
+        (folder / name).write_text("mine")
+    assert run(bag, "-o", tmp_path / "out") == 1
+    assert re.fullmatch(rf"build_maps: \S+: {fact}.*: choose another folder\n", capsys.readouterr().err)
+    assert {file.name: file.read_text() for file in folder.iterdir()} == dict.fromkeys(files, "mine")
+
+
 def test_a_laser_that_measures_nothing_is_one_line(tmp_path, capsys):
     script = BagScript().tf(100.0, "base_link", "laser", bag_time=99.0).drive(100.0, 108.0)
     for k in range(60):
