@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator
 from heapq import merge
 from itertools import combinations, islice, pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from datasets.clouds import CloudSlice, PointCloud
 from datasets.errors import DatasetError
@@ -84,6 +84,18 @@ class BagFiles:
                 if isinstance(cloud, PointCloud):
                     clouds.append(cloud)
         return clouds
+
+    def whole_messages(self, topics: Collection[str], steered_by: str) -> Iterator[tuple[str, float, Any]]:
+        """Yield message type, bag time [s] and message with all of its fields, file by file; without unreadable ones.
+
+        This is slow: `messages` decodes only what a pass needs.
+        """
+        for source in self._sources:
+            whole = MessageDecoder(source.is_ros1).whole
+            for connection, time, data in source.messages(topics, steered_by):
+                message = whole(connection.msgtype, data)
+                if message is not None:
+                    yield connection.msgtype, 1e-9 * time, message
 
     def slice_clouds(self, cut: CloudSlice) -> None:
         """Read point clouds as scans from now on: each by this slice."""

@@ -259,13 +259,19 @@ class MessageDecoder:
                 logger.debug("a %s is not laid out as usual: %r", msgtype, error)
         return self._by_rosbags(msgtype, data)
 
-    def _by_rosbags(self, msgtype: str, data: bytes) -> Content | PointCloud | None:
-        """Return the same by rosbags, for any type and byte order."""
+    def whole(self, msgtype: str, data: bytes) -> Any:
+        """Return a message with all of its fields, as rosbags decodes it; None if its bytes cannot be decoded."""
         try:
             store = standard_types(self._is_ros1)
-            message = (store.deserialize_ros1 if self._is_ros1 else store.deserialize_cdr)(data, msgtype)
+            return (store.deserialize_ros1 if self._is_ros1 else store.deserialize_cdr)(data, msgtype)
         except Exception as error:  # noqa: BLE001 - rosbags raises anything on damaged bytes
             logger.debug("a %s cannot be decoded: %r", msgtype, error)
+            return None
+
+    def _by_rosbags(self, msgtype: str, data: bytes) -> Content | PointCloud | None:
+        """Return the same by rosbags, for any type and byte order."""
+        message = self.whole(msgtype, data)
+        if message is None:
             return None
         if msgtype in (SCAN_TYPE, ECHOES_TYPE):
             return scan_of(message)

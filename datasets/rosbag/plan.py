@@ -18,6 +18,7 @@ from datasets.rosbag.files import BagFiles, Message
 from datasets.rosbag.messages import CLOUD_TYPE, SCAN_TYPE, TF_TYPES, FramedScan
 from datasets.rosbag.survey import Survey, SurveyedLaser
 from datasets.rosbag.topics import STATA_SENSOR_POSE, ChosenTopics, choose_topics, is_static, with_profile
+from datasets.rosbag.velocities import holds_only_velocities
 from datasets.scans.cleaning import limits_warning
 from datasets.scans.clocks import LATENCY_LIMIT_S, ClockFinding, compare_clocks, lags_of_unset
 from datasets.scans.intake import angle_warning
@@ -94,6 +95,7 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
         )
     frames = survey.frames() if options.odometry in ("auto", "tf") else None
     source = _source(files, options, topics, frames, survey)
+    frames = frames if source == "tf" else None
     robot_frame, to_sensor = _robot(survey, laser, options, frames)
     sensor_pose = options.sensor_pose
     if to_sensor is None and sensor_pose is None:
@@ -181,7 +183,7 @@ def _take(survey: Survey, message: Message) -> None:
             survey.graph.add(item.parent, item.child, item.pose, is_static(message.topic), lag)
     else:
         for pose in message.content:
-            survey.add_pose(pose.child, message.bag_time - pose.stamp_or(math.nan))
+            survey.add_pose(pose.child, pose.pose, message.bag_time - pose.stamp_or(math.nan))
         survey.no_motions += not message.content
 
 
@@ -215,7 +217,8 @@ def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, sur
 def _source(
     files: BagFiles, options: RecordingOptions, topics: ChosenTopics, frames: Frames | None, survey: Survey
 ) -> str:
-    if frames is not None:
+    constant = _only_velocities(files, topics, frames, survey)
+    if frames is not None and (not constant or options.odom_frame is not None):
         return "tf"
     # The profile states a frame too, which may be missing.
     is_named = options.odom_frame is not None and options.odometry == "auto" and options.profile != "stata"
@@ -228,16 +231,31 @@ def _source(
             "pass --odom-frame and --robot-frame, or --odometry topic"
         )
     if topics.odometry is not None:
-        if survey.odometry_robot is not None or not survey.no_motions:  # its first pose may come late
+        if constant:
+            beside = "" if frames is None else ", like tf,"
+            fact = f"{topics.odometry} holds velocities, but{beside} one and the same pose from first to last"
+        elif survey.odometry_robot is not None or not survey.no_motions:  # its first pose may come late
             return "topic"
-        fact = f"{files.paths[0]}: {topics.odometry} holds no valid poses (quaternions of zeros, or not a number)"
+        else:
+            fact = f"{topics.odometry} holds no valid poses (quaternions of zeros, or not a number)"
         if options.odometry == "topic":
-            raise DatasetError(f"{fact}: choose another with --odometry-topic, or pass --odometry none")
-        logger.warning("%s; continuing without odometry", fact)
+            raise DatasetError(
+                f"{files.paths[0]}: {fact}: choose another with --odometry-topic, or pass --odometry none"
+            )
+        logger.warning("%s: %s; continuing without odometry", files.paths[0], fact)
         return "none"
     if options.odometry == "auto":
         logger.warning("%s: neither tf nor a topic holds usable odometry; continuing without it", files.paths[0])
     return "none"
+
+
+def _only_velocities(files: BagFiles, topics: ChosenTopics, frames: Frames | None, survey: Survey) -> bool:
+    """Return whether the odometry holds velocities, but no poses: the robot moves by them, and no pose changes."""
+    moving = [step.edge for step in frames.to_robot if not step.edge.is_fixed] if frames is not None else []
+    if topics.odometry is None or survey.odometry_moves or any(edge.moves for edge in moving):
+        return False
+    transforms = [name for name in topics.transforms if moving and not is_static(name)]
+    return holds_only_velocities(files, topics.odometry, transforms, [edge.key for edge in moving])
 
 
 def _robot(

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from datasets.odometry.frames import FrameGraph, Frames, choose_frames, plain
+from datasets.odometry.se3 import SE3
 from datasets.options import RecordingOptions
 from datasets.scans.cleaning import FATES, RangeRules, clean_ranges
 from datasets.scans.intake import RawScan
@@ -121,6 +122,9 @@ class Survey:
     """Robot's frame by the first pose of the odometry topic, which may be empty; None before it."""
     odometry_lags: list[float] = field(default_factory=list)
     """Bag times minus stamps of its poses [s]."""
+    first_pose: SE3 | None = None
+    odometry_moves: bool = False
+    """First pose of the odometry topic, and whether another differs from it."""
     no_motions: int = 0
     """Number of its messages that state no motion."""
     lasers: dict[str, SurveyedLaser] = field(default_factory=dict)
@@ -141,9 +145,11 @@ class Survey:
             self.lasers[name] = SurveyedLaser(name, scan, self.options)
         self.lasers[name].add(scan, bag_time)
 
-    def add_pose(self, robot: str, lag: float) -> None:
+    def add_pose(self, robot: str, pose: SE3, lag: float) -> None:
         """Add a pose of the odometry topic; its lag is nan if its stamp is unset."""
         self.odometry_robot = robot if self.odometry_robot is None else self.odometry_robot
+        self.first_pose = pose if self.first_pose is None else self.first_pose
+        self.odometry_moves = self.odometry_moves or pose != self.first_pose
         self.odometry_lags += [lag] * math.isfinite(lag)
 
     def frames(self) -> Frames | None:

@@ -77,7 +77,14 @@ class BagScript:
         return self._add(bag_time, stamp, topic, msgtype, build)
 
     def odometry(
-        self, stamp: float, pose: SE2, *, topic: str = "/odom", child: str = "base_link", bag_time: float | None = None
+        self,
+        stamp: float,
+        pose: SE2,
+        *,
+        topic: str = "/odom",
+        child: str = "base_link",
+        bag_time: float | None = None,
+        speed: tuple[float, float] = (0.0, 0.0),
     ) -> "BagScript":
         spatial = SE3.from_planar(pose)
 
@@ -94,7 +101,8 @@ class BagScript:
                     np.zeros(36),
                 ),
                 twist=types["geometry_msgs/msg/TwistWithCovariance"](
-                    types["geometry_msgs/msg/Twist"](vector(0.0, 0.0, 0.0), vector(0.0, 0.0, 0.0)), np.zeros(36)
+                    types["geometry_msgs/msg/Twist"](vector(speed[0], 0.0, 0.0), vector(0.0, 0.0, speed[1])),
+                    np.zeros(36),
                 ),
             )
 

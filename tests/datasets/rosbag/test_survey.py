@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from datasets.odometry.se3 import SE3
 from datasets.options import RecordingOptions
 from datasets.rosbag.survey import Survey
 from datasets.scans.intake import RawScan
@@ -53,8 +54,8 @@ def test_scans_that_arrive_two_at_a_time_leave_the_period_known():
 
 def test_an_unset_stamp_gives_no_lag():
     survey = at([math.nan, 1.0])
-    survey.add_pose("base_link", math.nan)
-    survey.add_pose("base_link", 0.5)
+    survey.add_pose("base_link", SE3.identity(), math.nan)
+    survey.add_pose("base_link", SE3.identity(), 0.5)
     assert survey.laser.lags == [0.0]
     assert survey.odometry_lags == [0.5]
 
