@@ -24,6 +24,10 @@ _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 _TIMES = ("t", "time", "time_offset", "timestamp", "timeStamp", "point_time_offset")
 """Names that drivers of spinning lidars give the time of a point."""
 _NANOSECOND = 1e-9
+_UNITS = (1.0, 1e-3, 1e-6, _NANOSECOND)  # possible units of these times [s]
+_SHORTEST_SWEEP, _LONGEST_SWEEP = 0.02, 1.0  # limits of the duration of a cloud [s]: no lidar turns more slowly
+_FEWEST_TIMES = 100
+"""Points that must state a time before their duration decides on its unit; few points may be a part of a sweep."""
 
 
 class PointCloudError(ValueError):
@@ -42,6 +46,16 @@ class PointCloud(NamedTuple):
     """Times of measurement (N,) since the first point [s]; None if unknown."""
     delay: float = 0.0
     """Time of the first point after the stamp [s]."""
+    unused_times: str | None = None
+    """Field of the points' times and their duration in its unit, if this is no duration of a sweep."""
+
+
+class PointTimes(NamedTuple):
+    """Times of the points of one message, as in `PointCloud`."""
+
+    times: FloatArray | None = None
+    delay: float = 0.0
+    unused: str | None = None
 
 
 def cloud_of(message: Any) -> PointCloud:
@@ -74,25 +88,34 @@ def cloud_of(message: Any) -> PointCloud:
     points = np.column_stack([records[axis].astype(np.float64) for axis in "xyz"])
     finite = np.asarray(np.isfinite(points).all(axis=1))
     stamp = float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
-    times, delay = _times(records, finite, stamp)
-    return PointCloud(printable(message.header.frame_id), stamp, points[finite], times, delay)
+    return PointCloud(printable(message.header.frame_id), stamp, points[finite], *_times(records, finite, stamp))
 
 
-def _times(records: npt.NDArray[Any], finite: npt.NDArray[np.bool_], stamp: float) -> tuple[FloatArray | None, float]:
-    """Return the times of the finite points since the first [s], and that of the first since the stamp [s]."""
+def _times(records: npt.NDArray[Any], finite: npt.NDArray[np.bool_], stamp: float) -> PointTimes:
+    """Return the times of the finite points.
+
+    Their unit is the usual one of their type unless only another fits the duration of a sweep: the units differ by
+    1000.
+    """
     names = [name for name in _TIMES if name in (records.dtype.names or ())]
     if not names or not finite.any():
-        return None, 0.0
+        return PointTimes()
     stated = records[names[0]][finite]
-    unit = _NANOSECOND if stated.dtype.kind in "iu" else 1.0
     first = stated.min()
-    times = (stated - first).astype(np.float64) * unit
-    if not (np.isfinite(times).all() and 0.0 < times.max() < 1.0):  # no lidar turns more slowly
-        return None, 0.0
+    since = (stated - first).astype(np.float64)
+    longest = float(since.max())
+    if longest == 0.0:  # the driver leaves them out, or all points are measured at once
+        return PointTimes()
+    unit = _NANOSECOND if stated.dtype.kind in "iu" else 1.0
+    fitting = [other for other in _UNITS if _SHORTEST_SWEEP <= longest * other < _LONGEST_SWEEP]
+    if fitting and unit not in fitting and len(stated) >= _FEWEST_TIMES:
+        unit = fitting[0]
+    if not longest * unit < _LONGEST_SWEEP:  # or not a number
+        return PointTimes(unused=f"{names[0]}, {longest:.6g} from first to last")
     delay = float(first) * unit
     if delay > 1.0:  # the driver states times of the day, not times since the stamp
         delay -= stamp
-    return times, delay if abs(delay) < 1.0 else 0.0
+    return PointTimes(since * unit, delay if abs(delay) < 1.0 else 0.0)
 
 
 _TIE = 1e-6
@@ -251,6 +274,17 @@ def choose_slice(
     rate = float(np.median([rate for rate, _ in turns]))
     start = float(np.angle(np.exp([1j * first for _, first in turns]).mean()))
     return replace(cut, angle_min=start, angle_step=math.copysign(step, rate), time_step=step / abs(rate))
+
+
+def times_warning(clouds: Sequence[PointCloud]) -> str | None:
+    """Return a warning if most clouds state times of their points that cannot be used, else None."""
+    unused = [cloud.unused_times for cloud in clouds if cloud.unused_times is not None]
+    if 2 * len(unused) <= len(clouds):
+        return None
+    return (
+        f"the times of the points (field {unused[0]}) last as long as no sweep of a lidar in s, ms, us or ns: they are "
+        "ignored, so the motion during a cloud is not compensated: record them in seconds or nanoseconds"
+    )
 
 
 def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], named: str) -> None:

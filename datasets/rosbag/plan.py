@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from datasets.clouds import CloudSlice, choose_slice, mounting
+from datasets.clouds import CloudSlice, choose_slice, mounting, times_warning
 from datasets.counts import in_number
 from datasets.errors import DatasetError
 from datasets.odometry.frames import Frames, Step, find_robot_frame, plain
@@ -77,9 +77,9 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
     options = with_profile(options, files.topics)
     topics = choose_topics(files, options)
     files.check_for_robots(topics.scan)
-    cut = None
+    cut, times = None, None
     if files.topics[topics.scan].msgtype == CLOUD_TYPE:
-        cut, options = _sliced(files, topics, options)
+        cut, options, times = _sliced(files, topics, options)
         files.slice_clouds(cut)
     survey = _surveyed(files, topics, options)
     laser = _laser(files, options, topics, survey)
@@ -120,6 +120,7 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
     doubts = (
         *([topics.doubt] if topics.doubt else []),
         *_doubts(files, survey, frames, to_sensor if sensor_pose is None else None),
+        *([times] if times is not None else []),
         *([limits] if limits and (options.range_min is None or options.range_max is None) else []),
         *files.pauses(),
     )
@@ -134,8 +135,10 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
     )
 
 
-def _sliced(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> tuple[CloudSlice, RecordingOptions]:
-    """Choose a slice of the point clouds, and return it with the options for the scans that it gives.
+def _sliced(
+    files: BagFiles, topics: ChosenTopics, options: RecordingOptions
+) -> tuple[CloudSlice, RecordingOptions, str | None]:
+    """Choose a slice of the point clouds; return it, the options for its scans, and a warning about their times.
 
     The height of the sensor depends on its frame and the robot's, so the beginning is surveyed twice.
     """
@@ -156,7 +159,7 @@ def _sliced(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) ->
     cut = choose_slice(T_robot_sensor, options.cloud_heights, options.angle_step_deg, own, named)
     known = stated is not None or options.sensor_pose is not None
     pose = cut.T_robot_scan if known else None
-    return cut, replace(options, sensor_pose=pose, upside_down=False, angle_step_deg=None)
+    return cut, replace(options, sensor_pose=pose, upside_down=False, angle_step_deg=None), times_warning(own)
 
 
 def _surveyed(files: BagFiles, topics: ChosenTopics, options: RecordingOptions) -> Survey:

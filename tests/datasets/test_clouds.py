@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from datasets.clouds import CloudSlice, PointCloudError, choose_slice, cloud_of, mounting, rotation_of
+from datasets.clouds import CloudSlice, PointCloudError, choose_slice, cloud_of, mounting, rotation_of, times_warning
 from datasets.errors import DatasetError
 from datasets.odometry.se3 import SE3
 from tbmslam.geometry.se2 import SE2
 from tests.datasets.room import LEVEL, room_cloud, wall_ranges
+from tests.warnings_page import is_explained
 
 NUMBERS = {"f4": 7, "f8": 8, "u4": 6, "u2": 4}
 POINTS = [(1.0, 2.0, 0.5), (np.nan, 0.0, 0.0), (3.0, -4.0, 0.25), (5.0, 6.0, -1.0)]
@@ -66,6 +67,60 @@ def test_times_of_points(name, kind, values, delay):
 def test_times_that_cannot_be_meant_are_none(values):
     rows = [(*point, value) for point, value in zip(POINTS, values, strict=True)]
     assert cloud_of(message([("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f4")], rows)).times is None
+
+
+LATEST = 1_790_000_000.25
+"""A stamp of these years."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "unit", "since"),
+    [
+        ("f4", 1.0, 0.0),
+        ("f4", 1e-3, 0.0),
+        ("f4", 1e-6, 0.0),  # velodyne, converted for LIO-SAM
+        ("f4", 1e-9, 0.0),
+        ("f8", 1.0, LATEST),
+        ("f8", 1e-3, LATEST),
+        ("f8", 1e-6, LATEST),
+        ("f8", 1e-9, LATEST),  # livox and robosense
+        ("u4", 1e-3, 0.0),
+        ("u4", 1e-6, 0.0),
+        ("u4", 1e-9, 0.0),
+    ],
+)
+@pytest.mark.parametrize("sweep", [0.02, 0.1, 0.99])
+def test_the_unit_of_times_is_told_by_the_duration_of_a_sweep(kind, unit, since, sweep):
+    true = np.linspace(0.0, sweep, 200)
+    values = np.round((true + since) / unit) if unit < 1.0 else true + since
+    rows = [(1.0, 2.0, 0.5, value) for value in values.tolist()]
+    said = message([("x", "f4"), ("y", "f4"), ("z", "f4"), ("t", kind)], rows, stamp=(1_790_000_000, 300_000_000))
+    cloud = cloud_of(said)
+    assert cloud.times is not None
+    np.testing.assert_allclose(cloud.times, true, atol=max(6e-4 if unit == 1e-3 else 0.0, 2e-6))
+    assert cloud.delay == pytest.approx(LATEST - 1_790_000_000.3 if since else 0.0, abs=1e-3)
+    assert cloud.unused_times is None
+
+
+def test_few_points_do_not_tell_the_unit():
+    """The nanoseconds of a part of a sweep, which microseconds would make half a second of."""
+    rows = [(1.0, 2.0, 0.5, 5000 * k) for k in range(99)]
+    cloud = cloud_of(message([("x", "f4"), ("y", "f4"), ("z", "f4"), ("t", "u4")], rows))
+    assert cloud.times is not None
+    assert cloud.times.max() == pytest.approx(98 * 5000e-9)
+
+
+@pytest.mark.parametrize(("step", "warned"), [(0.0, False), (0.0005, False), (0.05, True), (1e9, True), (np.nan, True)])
+def test_times_that_cannot_be_used_cause_a_warning(step, warned):
+    rows = [(1.0, 2.0, 0.5, step * k) for k in range(200)]
+    cloud = cloud_of(message([("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f8")], rows))
+    unknown = cloud._replace(times=None, unused_times=None)
+    warning = times_warning([cloud, cloud, unknown])
+    assert (warning is not None) is warned
+    assert times_warning([cloud, unknown]) is None
+    if warning is not None:
+        assert warning.startswith(f"the times of the points (field time, {199 * step:.6g} from first to last) last as")
+        assert is_explained(warning)
 
 
 def test_clouds_without_places_or_cut_off_are_refused():
