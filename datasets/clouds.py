@@ -233,15 +233,25 @@ _LATE_S, _LATE_TURN = 1e-3, 0.02  # tolerances: a time [s], and a share of a tur
 _LEAST_TURN, _MOST_TURN = math.pi / 2.0, 2.2 * math.pi  # rotation of the sensor during one cloud [rad]
 
 
-def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: bool | None) -> SE3:
+_OPTICAL = SE3(0.0, 0.0, 0.0, -0.5, 0.5, -0.5, 0.5)
+"""Rotation of a level camera's optical frame: z ahead, x to the right, y down (REP 103 of ROS)."""
+
+
+def is_optical(frame: str) -> bool:
+    """Return whether a frame is a camera's optical frame by the convention of ROS, as in camera_optical_frame."""
+    return "optical" in frame.rsplit("/", 1)[-1].lower()
+
+
+def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: bool | None, frame: str = "") -> SE3:
     """Return the mount of a sensor in space from its mount in tf, None if unknown.
 
-    `sensor_pose` replaces the pose in the plane, but not the height and the tilt. `upside_down` applies only without a
-    mount in tf.
+    `sensor_pose` replaces the pose in the plane, but not the height and the tilt. Without a mount in tf the sensor is
+    level, or `upside_down`; a camera, by the name of its frame, then looks in the direction of `sensor_pose`.
     """
     if T_robot_sensor is None:
         hanging = SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0) if upside_down else SE3.identity()
-        return SE3.from_planar(sensor_pose or SE2.identity()) @ hanging
+        level = SE3.from_planar(sensor_pose or SE2.identity()) @ hanging
+        return level @ _OPTICAL if is_optical(frame) else level
     if sensor_pose is None:
         return T_robot_sensor
     return SE3.from_planar(sensor_pose) @ SE3.from_planar(T_robot_sensor.planar()).inverse() @ T_robot_sensor
@@ -253,19 +263,20 @@ def choose_slice(
     step_deg: float | None,
     clouds: Sequence[PointCloud],
     named: str,
+    unknown: str | None = None,
 ) -> CloudSlice:
     """Choose heights and beams for the clouds of a recording; raise a `DatasetError` if the slice is nearly empty.
 
     `heights` are the lowest and the highest point above the robot's frame [m]; None chooses a band around the sensor
     without floor, which opens upwards with the range. `step_deg` is the angle between beams, of any sign; None chooses
     the finest angle whose beams have points. `clouds` are the first clouds of the recording. Errors begin with `named`,
-    the file and the topic of the clouds.
+    the file and the topic of the clouds. `unknown` is the sensor's frame if its mount is unknown.
     """
     low, high = heights or (T_robot_sensor.z - _HALF_HEIGHT, T_robot_sensor.z + _HALF_HEIGHT)
     if heights is None and T_robot_sensor.z > _FLOOR:
         low = max(low, _FLOOR)
     cut = CloudSlice(T_robot_sensor, low, high, 0.0 if heights else _OPENING)
-    _check_walls(cut, clouds, named)
+    _check_walls(cut, clouds, named, unknown)
     step = math.radians(abs(step_deg or _finest_step(cut, clouds)))
     cut = replace(cut, angle_step=step, beams=round(2.0 * math.pi / step))
     turns = [turn for cloud in clouds if (turn := _turn(cut, cloud)) is not None]
@@ -287,7 +298,7 @@ def times_warning(clouds: Sequence[PointCloud]) -> str | None:
     )
 
 
-def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], named: str) -> None:
+def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], named: str, unknown: str | None) -> None:
     shares = [float(np.isfinite(cut.scan(cloud).ranges).mean()) for cloud in clouds]
     if np.median(shares) >= _FEWEST_DIRECTIONS:
         return
@@ -297,6 +308,12 @@ def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], named: str) -> N
     if len(heights):
         lowest, highest = np.percentile(heights, (5.0, 95.0))
         where = f"lie mostly between {lowest:.2f} and {highest:.2f} m"
+    if unknown is not None:
+        raise DatasetError(
+            f"{named} hold hardly any point between {cut.low:.2f} and {cut.high:.2f} m above the sensor, if it is "
+            f"level: tf lacks the mount of its frame {unknown}. They {where}: record tf and tf_static with the mount; "
+            "if the sensor is level, choose heights at which there are walls with --cloud-heights"
+        )
     raise DatasetError(
         f"{named} hold hardly any point between {cut.low:.2f} and {cut.high:.2f} m above the robot's "
         f"frame; they {where}: choose heights at which there are walls with --cloud-heights"

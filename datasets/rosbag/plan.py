@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from datasets.clouds import CloudSlice, choose_slice, mounting, times_warning
+from datasets.clouds import CloudSlice, choose_slice, is_optical, mounting, times_warning
 from datasets.counts import in_number
 from datasets.errors import DatasetError
 from datasets.odometry.frames import Frames, Step, find_robot_frame, plain
@@ -153,10 +153,23 @@ def _sliced(
     frames = survey.frames() if options.odometry in ("auto", "tf") else None
     _, to_sensor = _robot(survey, laser, options, frames)
     stated = None if to_sensor is None else pose_along(to_sensor)
-    T_robot_sensor = mounting(stated, options.sensor_pose, options.upside_down)
+    if stated is None and options.sensor_pose is None and is_optical(laser.frame):
+        raise DatasetError(
+            f"{files.paths[0]}: tf lacks the mount of {laser.frame}, the frame of {topics.scan}, so the heights of its "
+            "points are unknown: record tf and tf_static, or pass --sensor-pose X Y DEG if the camera is level and "
+            "looks in this direction"
+        )
+    T_robot_sensor = mounting(stated, options.sensor_pose, options.upside_down, laser.frame)
     own = [cloud for cloud in clouds if plain(cloud.frame) == laser.frame] or clouds
     named = f"{files.paths[0]}: the clouds of {topics.scan}"
-    cut = choose_slice(T_robot_sensor, options.cloud_heights, options.angle_step_deg, own, named)
+    cut = choose_slice(
+        T_robot_sensor,
+        options.cloud_heights,
+        options.angle_step_deg,
+        own,
+        named,
+        laser.frame if stated is None else None,
+    )
     known = stated is not None or options.sensor_pose is not None
     pose = cut.T_robot_scan if known else None
     return cut, replace(options, sensor_pose=pose, upside_down=False, angle_step_deg=None), times_warning(own)

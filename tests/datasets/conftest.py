@@ -53,6 +53,26 @@ class BagScript:
 
         return self._add(bag_time, stamp, topic, "sensor_msgs/msg/LaserScan", build)
 
+    def cloud(self, stamp: float, points: Any, *, topic: str = "/points", frame: str = "lidar") -> "BagScript":
+        """Points (N, 3) in the sensor's frame."""
+        values = np.asarray(points, dtype="<f4")
+
+        def build(types: Any) -> Any:
+            field = types["sensor_msgs/msg/PointField"]
+            return types["sensor_msgs/msg/PointCloud2"](
+                _header(types, stamp, frame),
+                height=1,
+                width=len(values),
+                fields=[field(name, 4 * number, 7, 1) for number, name in enumerate("xyz")],
+                is_bigendian=False,
+                point_step=12,
+                row_step=12 * len(values),
+                data=np.frombuffer(values.tobytes(), np.uint8),
+                is_dense=True,
+            )
+
+        return self._add(None, stamp, topic, "sensor_msgs/msg/PointCloud2", build)
+
     def tf(
         self,
         stamp: float,

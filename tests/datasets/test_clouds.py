@@ -300,6 +300,27 @@ def test_a_slice_without_walls_is_refused_with_the_heights_that_there_are():
         chosen([room_cloud()._replace(points=np.zeros((0, 3)))])
 
 
+def test_a_slice_without_walls_of_a_sensor_at_an_unknown_place():
+    said = (
+        r"a\.bag: the clouds of /points hold hardly any point between 1\.00 and 2\.00 m above the sensor, if it is "
+        r"level: tf lacks the mount of its frame lidar\. They lie mostly between .* m: record tf and tf_static with "
+        r"the mount; if the sensor is level, choose heights at which there are walls with --cloud-heights"
+    )
+    with pytest.raises(DatasetError, match=said):
+        choose_slice(SE3.identity(), (1.0, 2.0), None, [room_cloud()], "a.bag: the clouds of /points", "lidar")
+
+
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_a_camera_at_a_stated_place_looks_ahead(upside_down):
+    mount = mounting(None, SE2(0.2, 0.0, math.pi / 2), upside_down, "head/camera_depth_optical_frame")
+    right, down, ahead = rotation_of(mount).T
+    sign = -1.0 if upside_down else 1.0
+    np.testing.assert_allclose(ahead, (0.0, 1.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(right, (sign, 0.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(down, (0.0, 0.0, -sign), atol=1e-12)
+    assert mounting(None, None, None, "optical_table/lidar") == SE3.identity()
+
+
 def test_a_stated_mount_replaces_that_of_tf_in_the_plane():
     tilted = LEVEL._replace(qy=math.sin(0.2), qw=math.cos(0.2))
     stated = SE2(1.0, 2.0, 0.7)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from datasets import DatasetError, RecordingOptions, open_recording
+from datasets.odometry.se3 import SE3
 from tbmslam.geometry.se2 import SE2
 from tests.datasets.conftest import BagScript
 from tests.datasets.rosbag.ordinary_bag import read
@@ -173,3 +174,37 @@ def test_a_long_pause_between_two_files_causes_a_warning(tmp_path, caplog, pause
     open_recording(paths)
     told = f"{paths[0]} begins 86400 s after the end of {paths[1]}: if they are two drives, pass --separate"
     assert (told in caplog.text) is warned
+
+
+def camera(script, *, mount=None):
+    """Write what a level camera sees of a wall 3 m ahead: x to the right, y down, z ahead."""
+    across, down = (each.ravel() for each in np.meshgrid(np.linspace(-2.0, 2.0, 300), np.linspace(-1.0, 0.4, 15)))
+    points = np.column_stack((across, down, np.full(len(down), 3.0)))
+    if mount is not None:
+        script.tf(99.0, "base_link", "camera_optical", mount, topic="/tf_static")
+    for k in range(60):
+        script.cloud(100.1 + 0.1 * k, points + 1e-3 * k, frame="camera_optical")
+    return script.drive(100.0, 107.0).in_time_order()
+
+
+def test_a_camera_whose_mount_is_unknown_is_refused(script, tmp_path):
+    path = camera(script).write(tmp_path / "run.bag")
+    for heights in (None, (0.9, 4.5)):
+        with pytest.raises(DatasetError) as caught:
+            open_recording([path], RecordingOptions(cloud_heights=heights))
+        assert str(caught.value) == (
+            f"{path}: tf lacks the mount of camera_optical, the frame of /points, so the heights of its points are "
+            "unknown: record tf and tf_static, or pass --sensor-pose X Y DEG if the camera is level and looks in this "
+            "direction"
+        )
+
+
+@pytest.mark.parametrize("mount", [None, SE3(0.2, 0.0, 0.4, -0.5, 0.5, -0.5, 0.5)])
+def test_a_camera_sees_what_is_ahead_of_it(script, tmp_path, mount):
+    path = camera(script, mount=mount).write(tmp_path / "run.bag")
+    readings, _ = read(path, **({} if mount else {"sensor_pose": SE2(0.2, 0.0, 0.0)}))
+    scan = readings[0].scan
+    points = readings[0].T_robot_sensor.apply(scan.hit_points())
+    assert len(points) > 40
+    np.testing.assert_allclose(points[:, 0], 3.2, atol=0.02)
+    assert -2.1 < points[:, 1].min() < -1.8 < 1.8 < points[:, 1].max() < 2.1
