@@ -76,7 +76,7 @@ class ReadingCounts:
     without_odometry: int = 0
     """Used scans without odometry: farther within such a gap, or longer after the last pose."""
     clock_disagreements: int = 0
-    """Scans whose difference of stamp and bag time differs from that at the beginning."""
+    """Scans whose stamps stepped relative to the bag's clock, which is used for them."""
     lost_scans: int = 0
     lost_seconds: float = 0.0
     """Estimated loss by damage of the file."""

@@ -72,7 +72,7 @@ class _Pass:
             )
         if self._counts.clock_disagreements:
             logger.warning(
-                "%s: %d scans have stamps that jump relative to the bag's clock",
+                "%s: %d scans have stamps that jump relative to the bag's clock, which is used for them",
                 plan.files.paths[0],
                 self._counts.clock_disagreements,
             )

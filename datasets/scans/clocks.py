@@ -64,16 +64,19 @@ def compare_clocks(scan_lags: Sequence[float], odometry_lags: Sequence[float], d
 
 _STEP_S = 1.0
 _REGULAR_S = 0.5
+_FOLLOWED, _MOST_FOLLOWED_S = 0.05, 0.005
+"""Share of the lag's change that is followed with each scan, and its limit [s]: drift is followed, and no late scan."""
 
 
 class ClockSteps:
-    """Compares the stamps of the scans with the bag's time, removes steps, and counts them.
+    """Compares the stamps of the scans with the bag's time, removes steps, and counts the scans that were corrected.
 
-    `steady_lag` is the usual bag time minus stamp [s]; None if it varies too much for the detection of steps.
+    `steady_lag` is the usual bag time minus stamp [s]; None if it varies too much for the detection of steps. A steady
+    drift of one clock, as of a simulation that is slower than the recorder, is no step, and is followed.
     """
 
     def __init__(self, steady_lag: float | None, counts: ReadingCounts) -> None:
-        self._steady_lag = steady_lag
+        self._lag = steady_lag
         self._counts = counts
         self._last: tuple[float, float] | None = None
         self._is_off = False
@@ -85,19 +88,20 @@ class ClockSteps:
         busy, and the stamps are right.
         """
         last, self._last = self._last, (stamp, bag_time)
-        if self._steady_lag is None:
+        if self._lag is None:
             return stamp
-        off = bag_time - stamp - self._steady_lag
+        off = bag_time - stamp - self._lag
         if abs(off) <= _STEP_S:
             self._is_off = False
+            self._lag += max(-_MOST_FOLLOWED_S, min(_FOLLOWED * off, _MOST_FOLLOWED_S))
             return stamp
-        self._counts.clock_disagreements += 1
         if last is not None:
             passed = bag_time - last[1]
             stepped = abs(stamp - last[0] - passed) > _STEP_S and 0.0 <= passed < _REGULAR_S
             self._is_off = self._is_off or stepped
         if not self._is_off:
             return stamp
-        corrected = bag_time - self._steady_lag
+        self._counts.clock_disagreements += 1
+        corrected = bag_time - self._lag
         self._counts.incidents.add(corrected, "the clock of the scans is wrong; the recorder's clock is used")
         return corrected
