@@ -22,6 +22,7 @@ from tbmslam.evaluation.trajectory_errors import (
     ErrorStatistics,
     align_trajectories,
     relative_errors,
+    remedy_of,
     systematic_error,
 )
 from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
@@ -53,8 +54,10 @@ def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, 
         reference = dataclasses.replace(reference, frame=args.frame)
     truth = _true_trajectory(reference, args.truth, args.estimate, args.sensor_pose)
     tolerance = 0.01 if args.max_stamp_difference is None else args.max_stamp_difference
-    if (why := systematic_error(truth, estimate, tolerance)) is not None:
-        logger.warning("%s: %s", args.truth, why)
+    if (error := systematic_error(truth, estimate, tolerance)) is not None:
+        mount = _mount(args.estimate, args.sensor_pose)
+        remedy = remedy_of(error, truth, estimate, tolerance, reference.frame, mount)
+        logger.warning("%s: %s: %s", args.truth, error.fact, remedy)
     absolute = align_trajectories(truth, estimate, tolerance)
     step_m = args.step_m or (None if args.step_s else 1.0)
     relative = relative_errors(truth, estimate, distance=step_m, seconds=args.step_s, max_stamp_difference=tolerance)
@@ -205,17 +208,25 @@ def _true_trajectory(
     """Return the true trajectory of the robot; the mount of the laser is given or in the map beside the estimate."""
     if reference.frame == "robot":
         return reference.trajectory
-    if sensor_pose is not None:
-        x, y, degrees = sensor_pose
-        return reference.of_robot(SE2(x, y, math.radians(degrees)))
-    if holds_map(estimate.parent):
-        drives = load_map(estimate.parent).drives
-        if drives and len(drives[0].keyframes):
-            return reference.of_robot(drives[0].keyframes.mounting())
+    T_robot_sensor = _mount(estimate, sensor_pose)
+    if T_robot_sensor is not None:
+        return reference.of_robot(T_robot_sensor)
     raise TbmSlamError(
         f"{path} holds poses of the laser, and no map with keyframes beside {estimate} states its mounting: pass "
         "--sensor-pose X Y DEG"
     )
+
+
+def _mount(estimate: Path, sensor_pose: Sequence[float] | None) -> SE2 | None:
+    """Return the stated mount of the laser, or that of the map beside an estimate; None if unknown."""
+    if sensor_pose is not None:
+        x, y, degrees = sensor_pose
+        return SE2(x, y, math.radians(degrees))
+    if holds_map(estimate.parent):
+        drives = load_map(estimate.parent).drives
+        if drives and len(drives[0].keyframes):
+            return drives[0].keyframes.mounting()
+    return None
 
 
 def _load_truth(path: Path) -> World | TbmGrid:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from tbmslam.errors import TbmSlamError
 from tbmslam.evaluation.relations import matching_poses
-from tbmslam.geometry.se2 import SE2, FloatArray, path_lengths, wrap_angles
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, path_lengths, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory, elapsed_times
 
 
@@ -170,35 +170,109 @@ _SHARE = 0.5
 """Largest ratio of the remaining RMS error if a constant explains three quarters of the squared error."""
 _FARTHEST_S = 5.0  # largest offset of the clocks; beyond it hardly any stamps match [s]
 _STEP_S = 0.05
+_STEADY = np.radians(5.0)  # largest median deviation of headings of one body from another's [rad]
+_AT_CENTRE_M = 1e-3  # distance of the laser from the robot's centre that is none [m]
 _FEWEST = 20  # poses; a constant fits fewer by chance
 
 
-def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float) -> str | None:
-    """Return the constant that explains most of the error, in one line; None if there is none.
+@dataclass(frozen=True)
+class SystematicError:
+    """A constant that explains most of the error of a trajectory: a point of the robot, or an offset of the clocks."""
+
+    fact: str
+    """The constant and the error without it, in words."""
+    T_estimate_truth: SE2 | None
+    """Pose of the truth's point on the robot, without rotation if the truth's headings are not steady relative to it.
+
+    None if the clocks differ.
+    """
+    headings_agree: bool = False
+    """Whether the truth's headings are steady relative to those of the estimate."""
+
+
+def systematic_error(truth: Trajectory, estimate: Trajectory, max_stamp_difference: float) -> SystematicError | None:
+    """Return the constant that explains most of the error; None if there is none.
 
     Poses match if their stamps differ by at most `max_stamp_difference` [s].
     """
     i, j = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
     if len(i) < _FEWEST:
         return None
-    target, poses, stamps = truth.poses[i, :2], estimate.poses[j], estimate.stamps[j]
-    before = _left(target, poses[:, :2])
+    target, poses, stamps = truth.poses[i], estimate.poses[j], estimate.stamps[j]
+    before = _left(target[:, :2], poses[:, :2])
     if before < _LEAST_M:
         return None
-    lever, after_lever = _lever_arm(target, poses)
+    lever, after_lever = _lever_arm(target[:, :2], poses)
     offset, after_offset = _clock_offset(truth, poses, stamps)
     if min(after_lever, after_offset) > _SHARE * before:
         return None
     if after_lever <= after_offset:
-        return (
+        turn, spread = _turn_between(target, compose(poses, np.array((*lever, 0.0))))
+        agree = spread < _STEADY
+        return SystematicError(
             f"a point {lever[0]:+.3f} m ahead and {lever[1]:+.3f} m to the left of the robot fits the truth to "
-            f"{after_lever:.3f} m instead of {before:.3f} m: the truth may be of the laser: pass --frame laser"
+            f"{after_lever:.3f} m instead of {before:.3f} m",
+            SE2(float(lever[0]), float(lever[1]), turn if agree else 0.0),
+            agree,
         )
     direction = "later" if offset > 0.0 else "earlier"
-    return (
-        f"stamps {abs(offset):.2f} s {direction} fit the truth to {after_offset:.3f} m instead of {before:.3f} m: the "
-        f"clocks may differ: correct the stamps of one"
+    return SystematicError(
+        f"stamps {abs(offset):.2f} s {direction} fit the truth to {after_offset:.3f} m instead of {before:.3f} m", None
     )
+
+
+def remedy_of(
+    error: SystematicError,
+    truth: Trajectory,
+    estimate: Trajectory,
+    max_stamp_difference: float,
+    frame: str,
+    T_robot_sensor: SE2 | None,
+) -> str:
+    """Return what may have caused a systematic error, and what to do about it; an option only if it would help.
+
+    The truth was read as one of the `frame`, "robot" or "laser". `T_robot_sensor` is the mount of the laser that is
+    stated or that the estimate's map was made with; None if unknown.
+    """
+    T_estimate_truth = error.T_estimate_truth
+    if T_estimate_truth is None:
+        return "the clocks may differ: correct the stamps of one"
+    if T_robot_sensor is None:
+        if not error.headings_agree:
+            return (
+                "the truth may be of another point of the robot: correct it, or give the estimate in its map's folder"
+            )
+        return f"the truth may be of the laser: pass --frame laser --sensor-pose {_in_options(T_estimate_truth)}"
+    if np.hypot(*T_robot_sensor[:2]) < _AT_CENTRE_M:
+        pose = _in_options(T_estimate_truth.inverse())
+        return (
+            "the map was made with the laser at the robot's centre, so its trajectory is of the laser: if the truth is "
+            f"of the robot, map again with --sensor-pose {pose}"
+        )
+    other, of_other = ("laser", T_robot_sensor.inverse()) if frame == "robot" else ("robot", T_robot_sensor)
+    i, j = matching_poses(truth.stamps, estimate.stamps, max_stamp_difference)
+    moved = compose(truth.poses[i], np.array(of_other))
+    points = estimate.poses[j, :2]
+    if _left(moved[:, :2], points) <= _SHARE * _left(truth.poses[i, :2], points):
+        return f"the truth may be of the {other}: pass --frame {other}"
+    return (
+        f"the truth may be of another point, or the mount of the laser, {_in_options(T_robot_sensor)}, is wrong: check "
+        "both; --sensor-pose states another mount when mapping"
+    )
+
+
+def _in_options(pose: SE2) -> str:
+    """Return a pose as an option states it [m, m, deg]."""
+    x, y, degrees = round(pose.x, 3), round(pose.y, 3), round(float(np.degrees(pose.theta)), 1)
+    return f"{x + 0.0:.3f} {y + 0.0:.3f} {degrees + 0.0:g}"
+
+
+def _turn_between(target: FloatArray, poses: FloatArray) -> tuple[float, float]:
+    """Return the usual rotation from poses (N, 3) to those of a target, and its median deviation [rad]."""
+    T_target_source, _ = fit_rigid(target[:, :2], poses[:, :2])
+    turns = target[:, 2] - T_target_source.theta - poses[:, 2]
+    usual = float(np.angle(np.exp(1j * turns).mean()))
+    return usual, float(np.median(np.abs(wrap_angles(turns - usual))))
 
 
 def _left(target: FloatArray, points: FloatArray) -> float:

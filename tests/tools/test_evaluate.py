@@ -8,7 +8,7 @@ import pytest
 from datasets.synthetic.buildings import make_world
 from tbmslam.belief.grid import GridGeometry, TbmGrid
 from tbmslam.belief.masses import FREE, OCCUPIED, UNKNOWN
-from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.se2 import SE2, compose
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_folder import load_map, save_map
 from tbmslam.io.trajectory_file import write_tum
@@ -269,3 +269,19 @@ def test_a_transform_that_is_no_place_is_wrong_usage(files, usage_error):
         assert "--transform must be finite and within 1e+08 m" in usage_error(
             run, "map", files / "map", "--truth", files / "map", "--transform", 0, number, 0
         )
+
+
+def test_a_truth_of_another_point_is_warned_of_with_the_remedy(tmp_path, caplog):
+    """No map beside the estimate states a mount."""
+    t = np.arange(100) * 0.1
+    own = np.column_stack((1.0 + 0.3 * t, 1.0 + 0.2 * np.sin(t), 0.9 * np.cos(t)))
+    write_tum(tmp_path / "est.tum", Trajectory(1e9 + t, own))
+    write_tum(tmp_path / "gt.tum", Trajectory(1e9 + t, compose(own, np.array((0.3, 0.1, 0.0)))))
+    assert run("trajectory", tmp_path / "est.tum", "--truth", tmp_path / "gt.tum") == 0
+    told = "the truth may be of the laser: pass --frame laser --sensor-pose 0.300 0.100 0"
+    assert caplog.messages[-1].startswith(f"{tmp_path / 'gt.tum'}: a point +0.300 m ahead and +0.100 m to the left")
+    assert caplog.messages[-1].endswith(told)
+    caplog.clear()
+    options = ("--frame", "laser", "--sensor-pose", 0.3, 0.1, 0)
+    assert run("trajectory", tmp_path / "est.tum", "--truth", tmp_path / "gt.tum", *options) == 0
+    assert not caplog.messages

@@ -11,6 +11,7 @@ from tbmslam.evaluation.trajectory_errors import (
     align_trajectories,
     fit_rigid,
     relative_errors,
+    remedy_of,
     systematic_error,
 )
 from tbmslam.geometry.se2 import SE2, compose
@@ -224,30 +225,81 @@ def true(estimate, lever=(0.0, 0.0, 0.0), seconds=0.0):
     return Trajectory(estimate.stamps + seconds, poses)
 
 
+MOUNT = SE2(0.26, -0.05, 0.3)
+AT_CENTRE = SE2(0.0, 0.0, 0.0)
+
+
+def remedy(truth, estimate, frame, mount):
+    error = systematic_error(truth, estimate, 0.01)
+    assert error is not None
+    return remedy_of(error, truth, estimate, 0.01, frame, mount)
+
+
 def test_a_truth_of_the_laser_is_named(estimate):
-    said = systematic_error(true(estimate, (0.26, -0.05, 0.3)), estimate, 0.01)
-    assert said is not None
-    assert said.startswith("a point +0.26")
-    assert "m ahead and -0.0" in said
-    assert said.endswith("the truth may be of the laser: pass --frame laser")
+    truth = true(estimate, MOUNT)
+    error = systematic_error(truth, estimate, 0.01)
+    assert error is not None
+    assert error.fact.startswith("a point +0.26")
+    assert "m ahead and -0.0" in error.fact
+    assert remedy(truth, estimate, "robot", MOUNT) == "the truth may be of the laser: pass --frame laser"
+
+
+def test_a_truth_of_the_robot_that_was_read_as_one_of_the_laser_is_named(estimate):
+    truth = true(estimate, MOUNT.inverse())
+    assert remedy(truth, estimate, "laser", MOUNT) == "the truth may be of the robot: pass --frame robot"
+
+
+@pytest.mark.parametrize("frame", ["robot", "laser"])
+def test_a_map_of_an_unknown_mount_is_of_the_laser(estimate, frame):
+    said = remedy(true(estimate, MOUNT.inverse()), estimate, frame, AT_CENTRE)
+    start, options = said.split(" with --sensor-pose ")
+    assert start == (
+        "the map was made with the laser at the robot's centre, so its trajectory is of the laser: if the truth is of "
+        "the robot, map again"
+    )
+    x, y, degrees = map(float, options.split())
+    assert (x, y) == pytest.approx(MOUNT[:2], abs=2e-3)
+    assert degrees == pytest.approx(np.degrees(MOUNT.theta), abs=0.2)
+
+
+def test_without_a_map_the_mount_is_suggested(estimate):
+    start, options = remedy(true(estimate, MOUNT), estimate, "robot", None).split(" --sensor-pose ")
+    assert start == "the truth may be of the laser: pass --frame laser"
+    assert [float(value) for value in options.split()] == pytest.approx((0.26, -0.05, np.degrees(0.3)), abs=0.2)
+
+
+def test_without_a_map_a_truth_of_other_headings_is_of_another_point(estimate):
+    truth = true(estimate, MOUNT)
+    truth.poses[:, 2] = 0.0
+    assert remedy(truth, estimate, "robot", None).startswith("the truth may be of another point of the robot: correct")
+
+
+@pytest.mark.parametrize("frame", ["robot", "laser"])
+def test_no_option_is_suggested_that_would_not_help(estimate, frame):
+    said = remedy(true(estimate, (0.2, 0.6, 0.0)), estimate, frame, MOUNT)
+    assert "--frame" not in said
+    assert "or the mount of the laser, 0.260 -0.050 17.2, is wrong: check both" in said
 
 
 @pytest.mark.parametrize("seconds", [-2.0, 0.6, 3.0])
 def test_a_clock_that_differs_is_named(estimate, seconds):
-    said = systematic_error(true(estimate, seconds=seconds), estimate, 0.026)
-    assert said is not None
-    assert said.startswith(
+    truth = true(estimate, seconds=seconds)
+    error = systematic_error(truth, estimate, 0.026)
+    assert error is not None
+    assert error.fact.startswith(
         f"stamps {abs(seconds):.2f} s {'later' if seconds > 0.0 else 'earlier'} fit the truth to 0.0"
     )
+    said = remedy_of(error, truth, estimate, 0.026, "robot", MOUNT)
+    assert said == "the clocks may differ: correct the stamps of one"
 
 
 def test_a_truth_whose_stamps_step_back_tells_nothing_of_the_clocks(estimate):
     late = true(estimate, seconds=0.6)
     order = np.arange(1200)
     order[600:602] = 601, 600
-    said = systematic_error(Trajectory(late.stamps[order], late.poses[order]), estimate, 0.026)
-    assert said is not None
-    assert "clocks" not in said
+    error = systematic_error(Trajectory(late.stamps[order], late.poses[order]), estimate, 0.026)
+    assert error is not None
+    assert error.T_estimate_truth is not None
 
 
 def test_matches_at_other_times_are_no_offset_of_the_clocks(estimate):
