@@ -31,6 +31,9 @@ _CLOUDS_TO_CHOOSE_BY = 20
 _SCANS_FOR_DELAY = 50
 _NEVER_ALL_BEYOND = 100.0  # a robot on a floor always sees something nearer [m]
 _UNSTAMPED = "the scans have no stamps (all are zero), so the times of their recording are used"
+_FIRST_UNSTAMPED = (
+    "the first {} no stamps (zero): the times of their recording are used, by the clock of the later stamps"
+)
 _FAR_LASER, _TOO_FAR = 20.0, 1000.0  # larger than any robot, and than anything that moves [m]
 
 
@@ -116,11 +119,15 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
         clock = clock._replace(warning=_UNSTAMPED)
     if clock.warning:
         logger.warning("%s: %s", files.paths[0], clock.warning)
+    late_stamps = None
+    if laser.lags and laser.unstamped:
+        late_stamps = _FIRST_UNSTAMPED.format("scan has" if laser.unstamped == 1 else f"{laser.unstamped} scans have")
     limits = limits_warning(laser.first_scan.range_min, laser.first_scan.range_max)
     doubts = (
         *([topics.doubt] if topics.doubt else []),
         *_doubts(files, survey, frames, to_sensor if sensor_pose is None else None),
         *([times] if times is not None else []),
+        *([late_stamps] if late_stamps is not None else []),
         *([limits] if limits and (options.range_min is None or options.range_max is None) else []),
         *files.pauses(),
     )

@@ -40,7 +40,9 @@ class SurveyedLaser:
     """Ranges (N,) of the first scans [m]."""
     stamps: list[float] = field(default_factory=list)
     lags: list[float] = field(default_factory=list)
-    """Stamps of these scans (bag times where unset), and bag times minus stamps where they are set [s]."""
+    """Stamps of these scans (bag times where unset), and bag times minus stamps of the first that are set [s]."""
+    unstamped: int = 0
+    """Number of scans before the first whose stamp is set."""
 
     def add(self, scan: RawScan, bag_time: float) -> None:
         """Add a scan; its stamp is nan if it is unset."""
@@ -48,10 +50,12 @@ class SurveyedLaser:
         clean = clean_ranges(scan.ranges[None], *rules.limits(scan.range_min, scan.range_max), rules)
         self.scans += 1
         self.usable += bool(clean.beams[0, FATES.index("hit")])
+        is_set = math.isfinite(scan.stamp)
+        self.unstamped += not is_set and not self.lags
+        if is_set and len(self.lags) < _KEPT_SCANS:
+            self.lags.append(bag_time - scan.stamp)
         if len(self.ranges) < _KEPT_SCANS:
             self.ranges.append(np.array(scan.ranges))
-            is_set = math.isfinite(scan.stamp)
-            self.lags += [bag_time - scan.stamp] * is_set
             self.stamps.append(scan.stamp if is_set else bag_time)
 
     def sweep(self) -> float:
@@ -107,6 +111,7 @@ def _unlikeness(scans: npt.NDArray[np.floating], others: npt.NDArray[np.floating
 
 
 _SCANS_NEEDED = 40
+_STAMPS_NEEDED = 20
 _POSES_NEEDED = 10
 _SECONDS_NEEDED = 4.0
 _SECONDS_AT_MOST = 60.0
@@ -161,6 +166,8 @@ class Survey:
         self.started_at = bag_time if self.started_at is None else self.started_at
         seconds = bag_time - self.started_at
         if seconds < _SECONDS_NEEDED or self.laser is None or len(self.laser.ranges) < _SCANS_NEEDED:
+            return False
+        if len(self.laser.lags) < _STAMPS_NEEDED:  # a simulation may leave stamps at zero until it hears its clock
             return False
         if seconds > _SECONDS_AT_MOST or self.options.odometry in ("topic", "none"):
             return True

@@ -208,3 +208,28 @@ def test_a_camera_sees_what_is_ahead_of_it(script, tmp_path, mount):
     assert len(points) > 40
     np.testing.assert_allclose(points[:, 0], 3.2, atol=0.02)
     assert -2.1 < points[:, 1].min() < -1.8 < 1.8 < points[:, 1].max() < 2.1
+
+
+@pytest.mark.parametrize("source", ["tf", "topic"])
+def test_one_clock_is_used_where_a_simulation_starts_its_clock_late(script, tmp_path, caplog, source):
+    """The clock starts after what the survey mostly reads, and odometry arrives sooner than scans."""
+    for k in range(300):
+        now, clock = 1000.0 + 0.1 * k, 0.1 * (k - 199) if k >= 200 else 0.0
+        pose = SE2(0.1 * k, 0.0, 0.0)
+        if source == "tf":
+            script.tf(clock, "odom", "base_link", pose, bag_time=now)
+        else:
+            script.odometry(clock, pose, bag_time=now)
+        script.scan(clock, (1.0, 2.0, 3.0 + 0.01 * k), bag_time=now + 0.03)
+    readings, recording = read(script.in_time_order().write(tmp_path / "run.bag"))
+    assert [reading.scan.stamp for reading in readings] == pytest.approx([0.1 * (k - 199) for k in range(300)])
+    assert [reading.T_odom_robot.x for reading in readings] == pytest.approx([0.1 * k for k in range(300)])
+    (warning,) = (each for each in recording.description["frame_warnings"] if "stamps" in each)
+    assert warning == (
+        "the first 200 scans have no stamps (zero): the times of their recording are used, by the clock of the later "
+        "stamps"
+    )
+    assert is_explained(warning)
+    assert warning in caplog.text
+    assert "all are zero" not in caplog.text
+    assert recording.counts.clock_disagreements == 0
