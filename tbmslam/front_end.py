@@ -31,6 +31,8 @@ class Placement(NamedTuple):
     match: ScanMatch
     """The pose by odometry and scan."""
     T_map_robot: SE2
+    began_anew: bool = False
+    """Whether the odometry began anew in a pause before this reading, by the scan."""
 
 
 class FrontEnd:
@@ -61,7 +63,7 @@ class FrontEnd:
             match = self._tracker.match(scan, prior._replace(start=T_map_robot), T_robot_sensor)
         T_map_robot = match.T_map_sensor @ T_sensor_robot
         self._motion.correct(reading, T_map_robot, match.is_lost and not match.moved)
-        return Placement(reading, scan, prior, match, T_map_robot)
+        return Placement(reading, scan, prior, match, T_map_robot, self._motion.began_anew)
 
     def is_keyframe(self, placement: Placement) -> bool:
         """Return whether a scan shows something new, or the robot is far enough from its last keyframe."""
@@ -69,7 +71,7 @@ class FrontEnd:
 
     def learn(self, placement: Placement, index: int) -> TrackedKeyframe:
         """Insert a scan into the tracker's map, learn the noise of the motion, and return the keyframe."""
-        reading, scan, prior, match, T_map_robot = placement
+        reading, scan, prior, match, T_map_robot, _ = placement
         self._tracker.learn(scan, match)
         motion = self._information_since_keyframe(placement) if index else np.zeros((3, 3))
         keyframe = TrackedKeyframe.of(index, scan, reading.T_robot_sensor, match, motion, reading.T_odom_robot)

@@ -48,7 +48,7 @@ class TrackedDrive:
             self.frame = LocalFrame.around(reading.T_odom_robot)
         reading = self.monitor.cleaned(self.frame.reading(reading))
         placement = self.front_end.place(reading)
-        self.monitor.check(placement.scan, placement.match, placement.prior)
+        self.monitor.check(placement.scan, placement.match, placement.prior, began_anew=placement.began_anew)
         if self.front_end.is_keyframe(placement):
             self._forget_where_full()
             self.buffer.add(self.front_end.learn(placement, len(self.stamps)))

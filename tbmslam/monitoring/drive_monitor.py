@@ -8,8 +8,8 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.monitoring.blocked_beams import BlockedBeamsConfig, LaserView
 from tbmslam.monitoring.incidents import SOON_S, EndWarning, Incidents
 from tbmslam.monitoring.odometry_check import (
+    BEGAN_ANEW,
     DISAGREE,
-    MOVED,
     Contradictions,
     OdometryCheck,
     OdometryCheckConfig,
@@ -53,15 +53,17 @@ class DriveMonitor:
         scan = self._view.cleaned(reading.scan)
         return reading if scan is reading.scan else reading.with_scan(scan)
 
-    def check(self, scan: LaserScan, match: ScanMatch, prior: PosePrior) -> None:
-        """Check the match of a scan."""
+    def check(self, scan: LaserScan, match: ScanMatch, prior: PosePrior, *, began_anew: bool = False) -> None:
+        """Check the match of a scan; `began_anew` says that it showed that the odometry began anew."""
         if prior.jump:
             self._note_jump(scan.stamp, prior.jump)
-        what = self._contradictions.message_of(scan.stamp, match, prior)
-        if prior.jump or what == MOVED:
+        if began_anew:
+            self.incidents.add(scan.stamp, BEGAN_ANEW)
+        if prior.jump or began_anew:
             self._odometry.forget()
             if self._view is not None:
                 self._view.forget_odometry()
+        what = self._contradictions.message_of(scan.stamp, match, prior)
         if match.is_lost and self._shows_another_place(scan, match.T_map_sensor):
             self.incidents.add(scan.stamp, LOST if prior.by_odometry else LOST_WITHOUT_ODOMETRY)
         elif what:

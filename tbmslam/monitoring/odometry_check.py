@@ -122,7 +122,7 @@ ELSEWHERE = (
     "after a pause the scan shows another place, but the odometry hardly moved: if the robot was carried, "
     "split the recording there with --interval"
 )
-MOVED = "after a pause the odometry states another place than the scan: the scan is followed"
+BEGAN_ANEW = "after a pause the odometry is at its origin, but the scan shows the place before: the odometry began anew"
 
 
 class Contradictions:
@@ -140,9 +140,9 @@ class Contradictions:
             self._since = math.inf
             return ""
         stood = math.hypot(prior.start.x - before.x, prior.start.y - before.y) < _STOOD_M
-        if prior.stood is not None or (stood and _PAUSE_S < pause < math.inf):
+        if stood and _PAUSE_S < pause < math.inf:
             self._since = stamp
-            return ELSEWHERE if stood else MOVED
+            return ELSEWHERE
         self._since = min(self._since, stamp)
         return DISAGREE if stamp - self._since >= _WHILE_S else ""
 

@@ -65,8 +65,7 @@ class MotionModel:
             start = SE2(*(p + n - b for p, n, b in zip(inertia.T_map_robot, now, before, strict=True)))
             return PosePrior(start, motion, motion, start, _no_coasting, by_odometry=True)
         start, deviations = inertia.T_map_robot @ step, _with_variances(motion, self._of_keyframe)
-        is_at_origin = length > _JUMP and max(map(abs, reading.T_odom_origin.to(now))) < _ORIGIN
-        stood = inertia.standing(stamp) if is_at_origin else None
+        stood = inertia.standing(stamp) if length > _JUMP and _is_at_origin(reading) else None
         self._stood = stood is not None
         # Positional arguments, since names take half as long again.
         return PosePrior(
@@ -80,6 +79,11 @@ class MotionModel:
             inertia.swerve(start, stamp),
             stood,
         )
+
+    @property
+    def began_anew(self) -> bool:
+        """Whether the odometry began anew in a pause before the last reading, by the pose of its scan."""
+        return self._stood and self._jumped
 
     def motion_after(self, reading: Reading, duration: float) -> SE2:
         """Return the robot's motion in the time [s] after a reading that is not registered yet.
@@ -150,8 +154,9 @@ class MotionModel:
         determined = determined_of_robot(information, prior.deviations, prior.mean.theta, (*T_robot_sensor,))
         error = prior.mean.to(T_map_robot)
         if prior.by_odometry:
-            self._lag.learn(error.theta, prior.deviations[2], determined[2])
-            self._noise.learn((*error,), prior.deviations, prior.motion, determined)
+            if not self.began_anew:  # else the error is no noise
+                self._lag.learn(error.theta, prior.deviations[2], determined[2])
+                self._noise.learn((*error,), prior.deviations, prior.motion, determined)
         else:
             self._inertia.learn(error.theta, prior.deviations[2], determined[2])
         (along, across, turn), (a, b, c) = determined, prior.deviations
@@ -189,6 +194,12 @@ class MotionModel:
 def _no_coasting() -> None:
     """Return no pose: the prior is the first one, comes from the last motion, or is composed by components."""
     return
+
+
+def _is_at_origin(reading: Reading) -> bool:
+    """Return whether the odometry is near the pose at which it began."""
+    robot = reading.T_odom_robot
+    return robot is not None and max(map(abs, reading.T_odom_origin.to(robot))) < _ORIGIN
 
 
 def _distance(one: SE2, other: SE2) -> float:

@@ -175,6 +175,19 @@ def test_odometry_that_is_at_its_origin_after_a_pause_may_have_begun_anew():
     assert model.predict(in_frame(reading(600.0, SE2.identity()), SE2(1.0, -2.5, 1.0))).stood is not None
 
 
+def test_the_origin_of_odometry_that_comes_late_is_found():
+    """The lag moves the odometry to the time of the scans, which leaves its frame arbitrary."""
+    model = MotionModel(MotionConfig())
+    model._lag.value = 0.1
+    pose = SE2.identity()
+    for k in range(60):
+        stamp = 0.1 * k + (0.5 if k > 40 else 0.0)  # with a gap in a turn
+        pose = pose @ SE2(0.1, 0.0, 0.1 if 30 < k < 45 else 0.0)
+        model.predict(reading(stamp, pose))
+        model.correct(reading(stamp, pose), pose)
+    assert model.predict(reading(600.0, SE2.identity())).stood is not None
+
+
 @pytest.mark.parametrize("stood", [True, False])
 def test_after_a_pause_the_odometry_counts_from_where_the_scan_was_placed(stood):
     model = MotionModel(MotionConfig())
@@ -184,6 +197,7 @@ def test_after_a_pause_the_odometry_counts_from_where_the_scan_was_placed(stood)
     model.begin_at_keyframe(reading(0.5, SE2(4.0, 2.0, 0.0)), SE2(4.0, 2.0, 0.0))
     model.predict(reading(600.0, SE2.identity()))
     model.correct(reading(600.0, SE2.identity()), SE2(4.1, 2.0, 0.1) if stood else SE2(0.1, 0.0, 0.1))
+    assert model.began_anew == stood
     prior = model.predict(reading(600.5, SE2(0.2, 0.0, 0.0)))
     # Between keyframes the odometry counts from the last of them, unless it began anew.
     assert prior.mean == pytest.approx(SE2(4.1, 2.0, 0.1) @ SE2(0.2, 0.0, 0.0) if stood else SE2(0.2, 0.0, 0.0))

@@ -8,7 +8,7 @@ import pytest
 from tbmslam.evaluation.trajectory_errors import align_trajectories
 from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
-from tbmslam.monitoring.odometry_check import MOVED
+from tbmslam.monitoring.odometry_check import BEGAN_ANEW
 from tbmslam.sensing.segmentation import in_frame
 from tbmslam.tracking.constant_velocity import ConstantVelocity
 from tests.tbmslam.monitoring.monitored import mapped, said
@@ -36,7 +36,7 @@ def test_odometry_that_begins_anew_in_a_pause_does_not_move_the_robot(drive_in, 
     slam, error_m = restarted(drive_in, share, 3)
     assert error_m < 0.005
     (line,) = said(slam)
-    assert MOVED in line
+    assert BEGAN_ANEW in line
 
 
 def test_a_robot_that_returned_to_its_start_in_a_pause_is_there(drive_in):
