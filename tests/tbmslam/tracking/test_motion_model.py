@@ -181,10 +181,11 @@ def test_the_origin_of_odometry_that_comes_late_is_found():
     model._lag.value = 0.1
     pose = SE2.identity()
     for k in range(60):
-        stamp = 0.1 * k + (0.5 if k > 40 else 0.0)  # with a gap in a turn
-        pose = pose @ SE2(0.1, 0.0, 0.1 if 30 < k < 45 else 0.0)
-        model.predict(reading(stamp, pose))
-        model.correct(reading(stamp, pose), pose)
+        stamp = 0.1 * k + (0.9 if k > 40 else 0.0)  # a gap at the end of a turn
+        pose = pose @ SE2(0.1, 0.0, 0.1 if 30 < k <= 40 else 0.0)
+        each = reading(stamp, pose)
+        model.predict(each)
+        model.correct(each, pose)
     assert model.predict(reading(600.0, SE2.identity())).stood is not None
 
 
