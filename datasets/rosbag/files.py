@@ -91,9 +91,9 @@ class BagFiles:
         This is slow: `messages` decodes only what a pass needs.
         """
         for source in self._sources:
-            whole = MessageDecoder(source.is_ros1).whole
+            decoders = MessageDecoder(is_ros1=False), MessageDecoder(is_ros1=True)
             for connection, time, data in source.messages(topics, steered_by):
-                message = whole(connection.msgtype, data)
+                message = decoders[connection.is_ros1].whole(connection.msgtype, data)
                 if message is not None:
                     yield connection.msgtype, 1e-9 * time, message
 

@@ -8,6 +8,7 @@ from rosbags import rosbag1
 from datasets import DatasetError, open_recording
 from datasets.rosbag.occupancy import read_occupancy_bag, write_occupancy_bag
 from tbmslam.belief.grid import GridGeometry, TbmGrid
+from tests.datasets.rosbag.test_velocities import drive
 
 SCANS = 60
 
@@ -60,3 +61,9 @@ def test_a_map_of_ros_1_is_read(tmp_path):
     grid = TbmGrid.unknown(GridGeometry(0.05, 0.0, 0.0, 5, 7))
     write_occupancy_bag(tmp_path / "map.bag", grid, 100.0)
     assert read_occupancy_bag(converted(tmp_path / "map.bag")).geometry == grid.geometry
+
+
+def test_velocities_without_poses_are_no_odometry(script, tmp_path, caplog):
+    path = converted(drive(script, (0.5, 0.0), starts=1e9).write(tmp_path / "run.bag"))
+    assert open_recording([path]).description["odometry"] == "none"
+    assert "/odom holds velocities, but one and the same pose" in caplog.text
