@@ -24,19 +24,20 @@ def holds_only_velocities(
     if files.topics[topic].msgtype != ODOMETRY_TYPE:
         return False
     known: dict[tuple[str, str] | None, SE3] = {}
-    last, moved = None, [0.0, 0.0, 0.0]
+    last, moved, farthest = None, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
     for msgtype, time, message in files.whole_messages([topic, *transforms], topic):
         if msgtype == ODOMETRY_TYPE:
             poses: list[tuple[tuple[str, str] | None, SE3]] = [(None, item.pose) for item in poses_of(message)]
             passed = 0.0 if last is None else min(max(time - last, 0.0), _LONGEST_STEP_S)
             moved = [sum_ + passed * speed for sum_, speed in zip(moved, _speeds(message), strict=True)]
+            farthest = [max(far, abs(sum_)) for far, sum_ in zip(farthest, moved, strict=True)]
             last = time
         else:
             stated = [((plain(item.parent), plain(item.child)), item.pose) for item in transforms_of(message)]
             poses = [(edge, pose) for edge, pose in stated if edge in edges]
         if any(known.setdefault(edge, pose) != pose for edge, pose in poses):
             return False
-    ahead, left, turned = map(abs, moved)
+    ahead, left, turned = farthest  # at any time: a robot may drive back to where it started
     return None in known and (max(ahead, left) > _MOVED_M or turned > _TURNED)
 
 

@@ -71,3 +71,12 @@ def test_tf_that_moves_is_used_beside_velocities(script, tmp_path):
 def test_tf_that_moves_late_is_used_beside_velocities(script, tmp_path):
     script = drive(script, (0.5, 0.0), starts=1e9, tf=HOME).tf(107.96, "odom", "base_link", SE2(1.0, 0.0, 0.0))
     assert read(script.in_time_order().write(tmp_path / "run.bag"))[1].description["odometry"] == "tf"
+
+
+@pytest.mark.parametrize("speed", [(0.5, 0.0), (0.0, 0.3)])
+def test_a_robot_that_returns_has_moved(script, tmp_path, speed):
+    drive(script, speed, seconds=4.0, starts=1e9)
+    for k in range(80):
+        script.odometry(104.0 + 0.05 * k, HOME, speed=(-speed[0], -speed[1]))
+    script = script.in_time_order()
+    assert read(script.write(tmp_path / "run.bag"))[1].description["odometry"] == "none"
