@@ -59,7 +59,7 @@ def check_files(path: Path) -> None:
     for file in [path / "metadata.yaml", *storage_files(path)] if path.is_dir() else [path]:
         if why := why_unreadable(file):
             raise CutFileError(f"{file.name} {why}")
-        if not file.is_file() or log_of(file):  # which may hold the rest
+        if not file.is_file() or (path.is_dir() and log_of(file)):  # with logs, a folder's files are read one by one
             continue
         with file.open("rb") as stream:
             head = stream.read(100)

@@ -142,6 +142,10 @@ class BagFiles:
         """Return one line for each damaged file."""
         return [line for source in self._sources for line in source.damages()]
 
+    def notes(self) -> list[str]:
+        """Return one line for each file with a write-ahead log."""
+        return [line for source in self._sources for line in source.notes()]
+
     def losses(self, topic: str) -> list[Loss]:
         """Return the losses of a topic by damage, as far as known."""
         return [loss for source in self._sources for loss in source.losses(topic)]

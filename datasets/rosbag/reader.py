@@ -85,15 +85,13 @@ class _Pass:
             self._counts.lost_scans += loss.messages
             self._counts.incidents.add(loss.since, "scans are lost in the damaged file", loss.seconds)
             vague = vague or not loss.messages
-        missing = files.topics[topic].messages - self._counts.scans_read
-        if missing > 0 and not files.damages():
-            logger.warning(
-                "%s: %d of %d scans that it announces are missing",
-                files.paths[0],
-                missing,
-                files.topics[topic].messages,
-            )
+        for line in files.notes():
+            logger.warning("%s", line)
         lost, seconds = self._counts.lost_scans, self._counts.lost_seconds
+        announced = files.topics[topic].messages + lost
+        missing = announced - self._counts.scans_read
+        if missing > 0 and not files.damages():
+            logger.warning("%s: %d of %d scans that it announces are missing", files.paths[0], missing, announced)
         estimate = (
             f"about {in_number(lost, 'scan', 'scans')}, {seconds:.1f} s, lost" if lost else "no scan seems to be lost"
         )

@@ -147,9 +147,13 @@ class BagSource:
         """Return one line for each damaged file."""
         of_parts = [line for part in self._parts for line in part.damages()]
         is_listed = self.damage is None or any(f": {self.damage}" in line for line in of_parts)
-        own = [self._note] if self._note else []
-        own += [self.damage] if self.damage and not is_listed else []
-        return [*(f"{self.path}: {line}" for line in own), *of_parts]
+        own = [f"{self.path}: {self.damage}"] if self.damage and not is_listed else []
+        return [*own, *of_parts]
+
+    def notes(self) -> list[str]:
+        """Return one line for each file with a write-ahead log, which is no damage."""
+        own = [f"{self.path}: {self._note}"] if self._note else []
+        return [*own, *(line for part in self._parts for line in part.notes())]
 
     def close(self) -> None:
         """Close the files; another pass opens them again."""

@@ -1,6 +1,7 @@
 """Databases whose recorder was killed: half of the drive is in a file beside them."""
 
 import gzip
+import os
 import shutil
 import sqlite3
 
@@ -62,10 +63,7 @@ def test_the_messages_of_the_log_are_read(bag, caplog, given):
     assert len(list(recording)) == SCANS
     assert contents(bag) == before
     warning = next(text for text in caplog.messages if "-wal" in text)
-    assert warning == (
-        f"{bag / 'run.db3'}: its recorder did not close it, and the rest was read from run.db3-wal; "
-        f"{SCANS} scans were read, no scan seems to be lost"
-    )
+    assert warning == f"{bag / 'run.db3'}: its recorder did not close it, and the rest was read from run.db3-wal"
     assert is_explained(warning)
 
 
@@ -116,3 +114,39 @@ def test_the_log_of_a_packed_file_is_not_used(bag):
     packed = bag / "run.db3.gz"
     packed.write_bytes(gzip.compress((bag / "run.db3").read_bytes()))
     assert 0 < len(list(open_recording([packed]))) < SCANS
+
+
+@pytest.mark.parametrize("given", ["folder", "file"])
+def test_a_cut_database_beside_a_log_of_no_use_is_salvaged(bag, caplog, given):
+    file = bag / "run.db3"
+    whole = file.stat().st_size
+    os.truncate(file, whole - 3 * 4096)
+    (bag / "run.db3-wal").write_bytes(b"no log" * 100)
+    assert 0 < len(list(open_recording([bag if given == "folder" else file]))) < SCANS
+    assert f"{file}: the database is cut off, {whole - 3 * 4096} of {whole} bytes are there" in caplog.text
+    (note,) = (text for text in caplog.messages if "-wal" in text)
+    assert note.startswith(f"{file}: its recorder did not close it, and run.db3-wal does not fit it (")
+    assert note.endswith(")")
+
+
+def test_scans_that_the_recorder_announced_are_missed_beside_a_log_too(bag, caplog):
+    description = bag / "metadata.yaml"
+    written = description.read_text()
+    assert written.count(f"message_count: {SCANS}\n") == 1
+    description.write_text(written.replace(f"message_count: {SCANS}\n", f"message_count: {SCANS + 50}\n"))
+    recording = open_recording([bag])
+    assert len(list(recording)) == SCANS
+    assert recording.counts.lost_scans == 50
+    assert f"{bag}: 50 of {SCANS + 50} scans that it announces are missing" in caplog.messages
+    assert "seems to be lost" not in caplog.text
+
+
+def test_scans_that_another_bag_announced_are_missed_beside_a_log_too(bag, script, tmp_path, caplog):
+    later = script.__class__().drive(120.0, 123.0)
+    for k in range(20):
+        later.scan(120.5 + 0.1 * k, np.full(50, 3.0 + 0.02 * k), step=0.01)
+    other = later.in_time_order().write(tmp_path / "later", "sqlite3")
+    description = other / "metadata.yaml"
+    description.write_text(description.read_text().replace("message_count: 20\n", "message_count: 30\n"))
+    assert len(list(open_recording([bag, other]))) == SCANS + 20
+    assert f"{bag}: 10 of {SCANS + 30} scans that it announces are missing" in caplog.messages
