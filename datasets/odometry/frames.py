@@ -11,7 +11,7 @@ from datasets.options import RecordingOptions
 _LOCALISED_FRAMES = ("map", "world", "earth", "utm", "gt", "ground_truth", "mocap")
 _ODOM_FRAMES = ("odom_combined", "odom", "odometry", "odom_frame")
 _ROBOT_FRAMES = ("base_footprint", "base_link", "base")
-_KEPT_LAGS = 500
+KEPT_LAGS = 500
 
 
 def plain(frame: str) -> str:
@@ -69,7 +69,7 @@ class FrameGraph:
         edge = self.edges.setdefault(key, Edge(*key, static, pose))
         edge.count += 1
         edge.moves = edge.moves or any(abs(a - b) > 1e-6 for a, b in zip(pose, edge.first, strict=True))
-        if len(edge.lags) < _KEPT_LAGS and math.isfinite(lag):
+        if len(edge.lags) < KEPT_LAGS and math.isfinite(lag):
             edge.lags.append(lag)
 
     def frames(self) -> list[str]:

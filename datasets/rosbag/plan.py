@@ -30,7 +30,7 @@ _MOST_STATIC = 2000
 _CLOUDS_TO_CHOOSE_BY = 20
 _SCANS_FOR_DELAY = 50
 _NEVER_ALL_BEYOND = 100.0  # a robot on a floor always sees something nearer [m]
-_UNSTAMPED = "the scans have no stamps (all are zero), so the times of their recording are used"
+_UNSTAMPED = "the {}scans have no stamps (all are zero), so the times of their recording are used"
 _FIRST_UNSTAMPED = (
     "the first {} no stamps (zero): the times of their recording are used, by the clock of the later stamps"
 )
@@ -116,7 +116,8 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
     if options.clock_offset is not None:
         clock = ClockFinding(options.clock_offset, clock.steady_lag, None)
     if laser.stamps and not laser.lags:
-        clock = clock._replace(warning=_UNSTAMPED)
+        read = f"first {laser.scans} " if survey.waited_in_vain else ""
+        clock = clock._replace(warning=_UNSTAMPED.format(read))
     if clock.warning:
         logger.warning("%s: %s", files.paths[0], clock.warning)
     late_stamps = None

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from datasets.odometry.frames import FrameGraph, Frames, choose_frames, plain
+from datasets.odometry.frames import KEPT_LAGS, FrameGraph, Frames, choose_frames, plain
 from datasets.odometry.se3 import SE3
 from datasets.options import RecordingOptions
 from datasets.scans.cleaning import FATES, RangeRules, clean_ranges
@@ -115,6 +115,9 @@ _STAMPS_NEEDED = 20
 _POSES_NEEDED = 10
 _SECONDS_NEEDED = 4.0
 _SECONDS_AT_MOST = 60.0
+# Simulations leave stamps at zero until they hear their clock, mostly for seconds. Some drivers never set any, and a
+# wait for them would decode the whole recording once more.
+_WAIT_FOR_STAMPS_S = 300.0
 
 
 @dataclass
@@ -126,7 +129,7 @@ class Survey:
     odometry_robot: str | None = None
     """Robot's frame by the first pose of the odometry topic, which may be empty; None before it."""
     odometry_lags: list[float] = field(default_factory=list)
-    """Bag times minus stamps of its poses [s]."""
+    """Bag times minus stamps of its first poses [s]."""
     first_pose: SE3 | None = None
     odometry_moves: bool = False
     """First pose of the odometry topic, and whether another differs from it."""
@@ -135,6 +138,8 @@ class Survey:
     lasers: dict[str, SurveyedLaser] = field(default_factory=dict)
     """Facts about each laser by its frame, in the order of their first scans."""
     started_at: float | None = None
+    waited_in_vain: bool = False
+    """Whether the survey ended without the stamps that it waited for."""
 
     @property
     def laser(self) -> SurveyedLaser | None:
@@ -155,7 +160,8 @@ class Survey:
         self.odometry_robot = robot if self.odometry_robot is None else self.odometry_robot
         self.first_pose = pose if self.first_pose is None else self.first_pose
         self.odometry_moves = self.odometry_moves or pose != self.first_pose
-        self.odometry_lags += [lag] * math.isfinite(lag)
+        if len(self.odometry_lags) < KEPT_LAGS and math.isfinite(lag):
+            self.odometry_lags.append(lag)
 
     def frames(self) -> Frames | None:
         """Return the chosen frames."""
@@ -167,8 +173,9 @@ class Survey:
         seconds = bag_time - self.started_at
         if seconds < _SECONDS_NEEDED or self.laser is None or len(self.laser.ranges) < _SCANS_NEEDED:
             return False
-        if len(self.laser.lags) < _STAMPS_NEEDED:  # a simulation may leave stamps at zero until it hears its clock
-            return False
+        if len(self.laser.lags) < _STAMPS_NEEDED:
+            self.waited_in_vain = seconds > _WAIT_FOR_STAMPS_S
+            return self.waited_in_vain
         if seconds > _SECONDS_AT_MOST or self.options.odometry in ("topic", "none"):
             return True
         frames = self.frames()

@@ -233,3 +233,14 @@ def test_one_clock_is_used_where_a_simulation_starts_its_clock_late(script, tmp_
     assert warning in caplog.text
     assert "all are zero" not in caplog.text
     assert recording.counts.clock_disagreements == 0
+
+
+def test_of_a_long_recording_without_stamps_only_the_beginning_is_surveyed(script, tmp_path, caplog):
+    for k in range(330):
+        script.scan(0.0, (1.0, 2.0, 3.0 + 0.01 * k), bag_time=1000.0 + k)
+    path = script.write(tmp_path / "run.bag")
+    warning = open_recording([path]).description["clock_warning"]
+    fact = "scans have no stamps (all are zero), so the times of their recording are used"
+    assert warning == f"the first 302 {fact}"  # no more is known yet
+    assert is_explained(warning)
+    assert warning in caplog.text

@@ -120,3 +120,21 @@ def test_a_scan_without_hits_is_unlike_none():
     scans = [scan for one in rooms(60, [180]) for scan in (one, blind)]
     assert not surveyed(*scans).laser.alternates()
     assert not surveyed(*[blind] * 60).laser.alternates()
+
+
+def test_the_wait_for_stamps_has_an_end():
+    """Some drivers never set a stamp, and the whole recording would be read for the survey."""
+    survey = Survey(RecordingOptions())
+    for second in range(300):
+        survey.add_scan("laser", RawScan(math.nan, -1.0, 0.1, 0.1, 30.0, SOME), float(second))
+        assert not survey.is_enough(float(second))
+        assert not survey.waited_in_vain
+    assert survey.is_enough(301.0)
+    assert survey.waited_in_vain
+
+
+def test_few_lags_of_the_odometry_are_kept():
+    survey = Survey(RecordingOptions())
+    for _ in range(2000):
+        survey.add_pose("base_link", SE3.identity(), 0.5)
+    assert survey.odometry_lags == [0.5] * 500
