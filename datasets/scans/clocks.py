@@ -1,5 +1,6 @@
 """Comparison and correction of the clocks of scans and odometry."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -72,14 +73,16 @@ class ClockSteps:
     """Compares the stamps of the scans with the bag's time, removes steps, and counts the scans that were corrected.
 
     `steady_lag` is the usual bag time minus stamp [s]; None if it varies too much for the detection of steps. A steady
-    drift of one clock, as of a simulation that is slower than the recorder, is no step, and is followed.
+    drift of one clock, as of a simulation that is slower than the recorder, is no step, and is followed by up to 5 ms
+    per scan. Faster drift, as of a simulation at half speed, soon takes the clocks 1 s apart. Then the recorder's clock
+    is no measure for that of the scans, and steps are no longer removed.
     """
 
     def __init__(self, steady_lag: float | None, counts: ReadingCounts) -> None:
         self._lag = steady_lag
         self._counts = counts
         self._last: tuple[float, float] | None = None
-        self._is_off = False
+        self._is_off = self._has_jumped = False
 
     def corrected(self, stamp: float, bag_time: float) -> float:
         """Return a scan's stamp by the initial clock [s].
@@ -92,14 +95,16 @@ class ClockSteps:
             return stamp
         off = bag_time - stamp - self._lag
         if abs(off) <= _STEP_S:
-            self._is_off = False
+            self._is_off = self._has_jumped = False
             self._lag += max(-_MOST_FOLLOWED_S, min(_FOLLOWED * off, _MOST_FOLLOWED_S))
             return stamp
-        if last is not None:
-            passed = bag_time - last[1]
-            stepped = abs(stamp - last[0] - passed) > _STEP_S and 0.0 <= passed < _REGULAR_S
-            self._is_off = self._is_off or stepped
-        if not self._is_off:
+        passed = bag_time - last[1] if last is not None else math.inf
+        if last is None or abs(stamp - last[0] - passed) > _STEP_S:
+            self._has_jumped = True
+            self._is_off = self._is_off or 0.0 <= passed < _REGULAR_S
+        if not self._has_jumped:  # the clocks drifted apart
+            self._lag = None
+        if self._lag is None or not self._is_off:
             return stamp
         self._counts.clock_disagreements += 1
         corrected = bag_time - self._lag

@@ -139,3 +139,20 @@ def test_scans_that_come_late_now_and_then_do_not_move_the_clock():
     stamps = [*TIMES[:-1], TIMES[-1] + 30.0]
     found, _ = corrected(stamps, late)
     assert found[-1] == pytest.approx(TIMES[-1], abs=0.03)
+
+
+def test_where_the_clocks_drift_far_apart_no_step_is_corrected():
+    """A simulation that slows down to half speed: the clock of the recorder is no measure any more."""
+    stamps, bag_times = slower(0.5)
+    stamps = [stamp - 3.0 * (2000 <= k < 2100) for k, stamp in enumerate(stamps)]
+    found, counts = corrected(stamps, bag_times, 980.0)
+    assert found == stamps
+    assert (counts.clock_disagreements, len(counts.incidents)) == (0, 0)
+
+
+def test_after_a_busy_recorder_a_step_is_removed():
+    late = [max(time, 101.5) if k >= 2 else time for k, time in enumerate(RECORDED)]
+    stamps = [stamp + 3.0 * (k >= 25) for k, stamp in enumerate(TIMES)]
+    found, counts = corrected(stamps, late)
+    assert found == pytest.approx(TIMES, abs=0.03)
+    assert counts.clock_disagreements == 5
