@@ -55,7 +55,10 @@ def _against_truth(args: argparse.Namespace, estimate: Trajectory) -> dict[str, 
     truth = _true_trajectory(reference, args.truth, args.estimate, args.sensor_pose)
     tolerance = 0.01 if args.max_stamp_difference is None else args.max_stamp_difference
     if (error := systematic_error(truth, estimate, tolerance)) is not None:
-        mount = _mount(args.estimate, args.sensor_pose)
+        try:
+            mount = _mount(args.estimate, args.sensor_pose)
+        except TbmSlamError:  # a damaged map beside the estimate, which the figures do not need
+            mount = None
         remedy = remedy_of(error, truth, estimate, tolerance, reference.frame, mount)
         logger.warning("%s: %s: %s", args.truth, error.fact, remedy)
     absolute = align_trajectories(truth, estimate, tolerance)

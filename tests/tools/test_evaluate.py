@@ -285,3 +285,16 @@ def test_a_truth_of_another_point_is_warned_of_with_the_remedy(tmp_path, caplog)
     options = ("--frame", "laser", "--sensor-pose", 0.3, 0.1, 0)
     assert run("trajectory", tmp_path / "est.tum", "--truth", tmp_path / "gt.tum", *options) == 0
     assert not caplog.messages
+
+
+def test_a_damaged_map_beside_the_estimate_costs_no_figures(tmp_path, caplog, capsys):
+    """The map is asked only for the mount of the laser, by which the remedy is chosen."""
+    t = np.arange(100) * 0.1
+    own = np.column_stack((1.0 + 0.3 * t, 1.0 + 0.2 * np.sin(t), 0.9 * np.cos(t)))
+    write_tum(tmp_path / "est.tum", Trajectory(1e9 + t, own))
+    write_tum(tmp_path / "gt.tum", Trajectory(1e9 + t, compose(own, np.array((0.3, 0.1, 0.0)))))
+    for name in ("map.yaml", "map.npz"):
+        (tmp_path / name).write_text("no map")
+    assert run("trajectory", tmp_path / "est.tum", "--truth", tmp_path / "gt.tum") == 0
+    assert "ate" in capsys.readouterr().out.lower()
+    assert caplog.messages[-1].endswith("pass --frame laser --sensor-pose 0.300 0.100 0")
