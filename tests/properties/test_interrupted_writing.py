@@ -31,13 +31,15 @@ maps = []
 for name, cell in (("old", (0, 1, 0, 0)), ("new", (0, 0, 1, 0))):
     masses = np.tile(np.array(cell, np.float32), (200, 200, 1))
     maps.append(TbmMap(TbmGrid(GridGeometry(0.05, 0.0, 0.0, 200, 200), masses), (), {"name": name}))
-folder = Path(sys.argv[1])
+folder, parent = Path(sys.argv[1]), os.getpid()
 for attempt in range(6):
     save_map(folder / "at", maps[0])
     child = os.fork()
-    while not child:
-        for one in maps[::-1]:
-            save_map(folder / "at", one)
+    if not child:
+        while os.getppid() == parent:
+            for one in maps[::-1]:
+                save_map(folder / "at", one)
+        os._exit(0)
     time.sleep(0.013 * attempt)  # somewhere in the writing
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
@@ -131,6 +133,14 @@ def test_a_killed_writer_leaves_a_whole_map(tmp_path):
         sure = {"old": 1, "new": 2}[str(whole.provenance["name"])]
         assert np.all(whole.grid.masses[..., sure] == 1.0)
         assert load_map(folder / "map.yaml").grid.masses.shape == (200, 200, 4)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_writer_ends_with_its_parent(tmp_path):
+    script = KILL_WHILE_WRITING.replace("time.sleep(0.013 * attempt)", "time.sleep(0.1); os._exit(0)")
+    # The output is closed when both processes have ended.
+    subprocess.run([sys.executable, "-c", script, str(tmp_path)], cwd=ROOT, check=True, capture_output=True, timeout=60)  # noqa: S603
+    assert load_map(tmp_path / "at").grid.masses.shape == (200, 200, 4)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
