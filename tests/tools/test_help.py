@@ -1,6 +1,7 @@
 import argparse
 import importlib
 import re
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +9,7 @@ from tbmslam import commands
 from tests.processes import python
 from tools import build_maps, merge
 
+ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = (
     *("build_maps", "merge", "make_world", "evaluate", "benchmark"),
     *("download", "print_config", "completion", "warm_up"),
@@ -86,3 +88,7 @@ def test_memory_that_runs_out_is_one_line(monkeypatch, capsys, tmp_path, program
     assert said.startswith(line)
     with pytest.raises(MemoryError):
         program.main([*words, "--debug"])
+
+
+def test_the_page_of_options_states_the_command_that_messages_name_where_no_clone_is():
+    assert "wheel, it is `pip install 'tbmslam[viewer]'`" in (ROOT / "docs" / "options.md").read_text("utf-8")
