@@ -137,10 +137,9 @@ def _files_written(out: Path, ending: str) -> list[Path]:
 
 def _replaced_names() -> tuple[str, ...]:
     """Return the names of files besides the map that contradict a new map in their folder."""
-    from tools.command_line.checksums import RUN_FILES
     from tools.command_line.extra_files import EDIT_FILES, EXTRA_FILES
 
-    return (*RUN_FILES, *EXTRA_FILES, *EDIT_FILES)
+    return (*EXTRA_FILES, *EDIT_FILES)
 
 
 def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
@@ -160,7 +159,7 @@ def _write(out: Path, ending: str, tbm_map: "TbmMap") -> None:
     if ending == "":
         with output_folder(out):
             save_map(out, tbm_map)
-            for name in _replaced_names():  # without run.json, no run takes the map for its own
+            for name in _replaced_names():
                 (out / name).unlink(missing_ok=True)
             write_checksums(out)
     elif ending == ".npz":

@@ -93,12 +93,12 @@ def _run(args: argparse.Namespace) -> None:
     from tbmslam.io.map_folder import FIXED_NAMES, files_of_map, load_map, save_map
     from tbmslam.io.ros_map import write_ros_map
     from tbmslam.map.edits import without_scans
-    from tools.command_line.checksums import RUN_FILES, write_checksums
+    from tools.command_line.checksums import write_checksums
     from tools.command_line.other_results import refuse_other_results
     from tools.command_line.output_folder import output_folder
 
     read = files_of_map(args.map)
-    refuse_to_overwrite(read, (args.out / name for name in (*FIXED_NAMES, *_MASKS, *RUN_FILES)))
+    refuse_to_overwrite(read, (args.out / name for name in (*FIXED_NAMES, *_MASKS)))
     refuse_other_results(args.out, of_merge=False)
     tbm_map = load_map(args.map)
     earlier = _earlier_edits(read[0], tbm_map)
@@ -109,7 +109,7 @@ def _run(args: argparse.Namespace) -> None:
         save_map(args.out, tbm_map)
         write_extra_files(args.out, tbm_map, args)
         _write_edits(args.out / EDITS, [*earlier, *done])
-        for name in (*_MASKS, *RUN_FILES):
+        for name in _MASKS:
             (args.out / name).unlink(missing_ok=True)
         if mask is not None:
             write_ros_map(args.out / _MASKS[0], mask.grid)

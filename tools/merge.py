@@ -332,7 +332,7 @@ def _save(
     (options.out / CHECKSUMS).unlink(missing_ok=True)
     if result.merged is not None:
         save_map(options.out, result.merged)
-    elif (options.out / "report.json").is_file():
+    else:
         remove_map(options.out)  # of an older merge, which contradicts the new report
     write_text(options.out / "config.toml", merging_text(config))
     write_extra_files(options.out, result.merged, options)

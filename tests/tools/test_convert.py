@@ -55,7 +55,7 @@ def test_a_map_that_replaces_an_edited_one_has_no_edits(plan, tmp_path):
         (("map.npz", "SHA256SUMS", "report.json"), r"holds a merged map \(report\.json\), which would be replaced"),
         (("map.yaml", "map.pgm"), r"holds map\.yaml, map\.pgm, which would be replaced"),
         (("map.bag",), r"holds map\.bag, which would be replaced"),
-        (("config.toml",), r"holds config\.toml, which would be replaced"),
+        (("config.toml",), r"holds config\.toml, which would not belong to the new map"),
         (("metadata.yaml", "run_0.db3"), "is the folder of a ROS bag"),
     ],
 )
@@ -74,12 +74,26 @@ def test_a_folder_of_other_results_is_refused(plan, tmp_path, capsys, files, fac
 @pytest.mark.parametrize("program", ["convert", "edit"])
 def test_a_map_replaces_a_converted_or_edited_one(plan, tmp_path, program):
     assert run(plan, tmp_path / "out") == 0
-    (tmp_path / "out" / "notes.txt").write_text("mine")
+    mine = ("notes.txt", "config.toml", "overlay.png", "report.html", "run.mcap")
+    for name in mine:
+        (tmp_path / "out" / name).write_text("mine")
     words = [str(plan), "--rotate", "5", "-o", str(tmp_path / "out")]
     for _ in range(2):
         assert (run(plan, tmp_path / "out") if program == "convert" else edit.main(words)) == 0
     assert changed_files(tmp_path / "out") == []
-    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+    assert {(tmp_path / "out" / name).read_text() for name in mine} == {"mine"}
+
+
+@pytest.mark.parametrize("program", ["convert", "edit"])
+def test_an_unfinished_map_is_to_be_deleted(plan, tmp_path, capsys, program):
+    words = [str(plan), "--rotate", "5", "-o", str(tmp_path / "out")]
+    for code in (0, 1):
+        assert (run(plan, tmp_path / "out") if program == "convert" else edit.main(words)) == code
+        (tmp_path / "out" / "SHA256SUMS").unlink(missing_ok=True)
+    said = capsys.readouterr().err
+    fact = r"holds an unfinished result or a map of other origin \(map\.npz without SHA256SUMS\)"
+    remedy = "which would be replaced: delete it, or choose another folder"
+    assert re.fullmatch(rf"{program}: \S+: {fact}, {remedy}\n", said)
 
 
 @pytest.mark.parametrize("name", ["map.bag", "keepout.yaml"])

@@ -10,35 +10,40 @@ from tools.command_line.checksums import RUN_FILES
 from tools.command_line.extra_files import EDIT_FILES, EXTRA_FILES
 from tools.command_line.output_folder import OutputError
 
-_MAPPED, _MERGED, _MAP = "run.json", "report.json", "map.npz"
+_MAPPED, _MERGED, _MAP, _BAG = "run.json", "report.json", "map.npz", "metadata.yaml"
+_EDITS = EDIT_FILES[0]
 _OURS = (*FIXED_NAMES, *RUN_FILES, *EXTRA_FILES, *EDIT_FILES)
 """Names of the files that results consist of."""
-_STORAGE = (".db3", ".mcap")
 _SHOWN = 3
 
 
 def refuse_other_results(out: Path, *, of_merge: bool) -> None:
     """Refuse a folder with a result of another kind, or with files of other origin that would be replaced.
 
-    A merge may replace an earlier merge, also an interrupted one. A map that is converted or edited may replace another
-    one of its kind.
+    A merge may replace an earlier merge, also an interrupted one, but no edited or converted merged map. A map that is
+    converted or edited may replace a finished one of its kind.
     """
     names = _names_in(out)
     remedy = "choose another folder"
     if _MAPPED in names:
         raise OutputError(f"{out}: holds the map of a robot ({_MAPPED}), which would be replaced: {remedy}")
-    if _is_bag(names):
+    if _BAG in names:
         raise OutputError(f"{out}: is the folder of a ROS bag: {remedy}")
-    if of_merge and (_MERGED in names or is_merged_map(out / _MAP)):
+    if of_merge and (_MERGED in names or _is_interrupted_merge(out, names)):
         return
     if _MERGED in names:
         raise OutputError(f"{out}: holds a merged map ({_MERGED}), which would be replaced: {remedy}")
-    if not of_merge and {CHECKSUMS, _MAP} <= names:
-        return
+    if not of_merge and _MAP in names:
+        if CHECKSUMS in names:
+            return
+        what = f"an unfinished result or a map of other origin ({_MAP} without {CHECKSUMS})"
+        raise OutputError(f"{out}: holds {what}, which would be replaced: delete it, or {remedy}")
     if there := [name for name in _OURS if name in names]:
         shown = ", ".join(there[:_SHOWN]) + (", ..." if len(there) > _SHOWN else "")
-        origin = "which no merge wrote and which" if of_merge else "which"
-        raise OutputError(f"{out}: holds {shown}, {origin} would be replaced: {remedy}")
+        why = "which no merge wrote and which would be replaced" if of_merge else "which would be replaced"
+        if not of_merge and set(there) <= set(RUN_FILES):
+            why = "which would not belong to the new map"
+        raise OutputError(f"{out}: holds {shown}, {why}: {remedy}")
 
 
 def refuse_to_map_over(out: Path, folders: Iterable[Path]) -> None:
@@ -57,14 +62,14 @@ def refuse_to_map_over(out: Path, folders: Iterable[Path]) -> None:
             raise OutputError(f"{folder}: holds {', '.join(there[:_SHOWN])}, {remedy}")
 
 
+def _is_interrupted_merge(folder: Path, names: set[str]) -> bool:
+    """Return whether a merge began to write its map; an edited or a converted map names the merged maps, too."""
+    return not {_EDITS, CHECKSUMS} & names and is_merged_map(folder / _MAP)
+
+
 def _names_in(folder: Path) -> set[str]:
     """Return the names of files; none where they cannot be listed, which is reported when the folder is written."""
     try:
         return {file.name for file in folder.iterdir()}
     except OSError:
         return set()
-
-
-def _is_bag(names: set[str]) -> bool:
-    """Return whether the files in a folder are those of a ROS 2 bag, besides a map that was saved as a bag."""
-    return "metadata.yaml" in names or any(name.endswith(_STORAGE) for name in names.difference(EXTRA_FILES))

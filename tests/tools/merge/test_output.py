@@ -6,12 +6,16 @@ import shutil
 import pytest
 
 from tbmslam.io import map_folder
-from tools import merge
+from tools import convert, edit, merge
 
 
-def test_a_refusal_leaves_nothing_of_an_older_merge(folders, tmp_path):
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_refusal_leaves_nothing_of_an_older_merge(folders, tmp_path, interrupted):
     assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path)]) == 0
     (tmp_path / "notes.txt").touch()
+    if interrupted:
+        for name in ("report.json", "report.html", "SHA256SUMS"):
+            (tmp_path / name).unlink()
     assert merge.main([str(folders / "here"), str(folders / "foreign"), "-o", str(tmp_path)]) == 3
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         *("SHA256SUMS", "config.toml", "notes.txt", "report.html", "report.json")
@@ -80,7 +84,6 @@ def test_nothing_is_written_into_a_folder_without_a_name(folders, usage_error):
         (("config.toml",), r"holds config\.toml, which no merge wrote"),
         (("map.npz", "map.yaml", "map.pgm", "edits.toml"), r"holds map\.npz, map\.yaml, map\.pgm, \.\.\., which no"),
         (("metadata.yaml", "run_0.db3"), "is the folder of a ROS bag"),
-        (("run_0.mcap",), "is the folder of a ROS bag"),
     ],
 )
 def test_a_merge_replaces_nothing_but_a_merge(folders, tmp_path, capsys, files, fact):
@@ -101,3 +104,25 @@ def test_a_merge_replaces_an_earlier_merge(folders, tmp_path, interrupted):
             (tmp_path / name).unlink()
     assert merge.main(words) == 0
     assert (tmp_path / "report.json").is_file()
+
+
+def test_a_merge_lies_beside_a_recording(folders, tmp_path):
+    (tmp_path / "run.mcap").write_text("mine")
+    for _ in range(2):
+        assert merge.main([str(folders / "here"), str(folders / "there"), "-o", str(tmp_path)]) == 0
+    assert (tmp_path / "run.mcap").read_text() == "mine"
+
+
+def test_a_merge_replaces_no_edited_or_converted_merged_map(folders, tmp_path, capsys):
+    both = [str(folders / "here"), str(folders / "there")]
+    assert merge.main([*both, "-o", str(tmp_path / "merged")]) == 0
+    assert edit.main([str(tmp_path / "merged"), "--rotate", "5", "-o", str(tmp_path / "edited")]) == 0
+    assert edit.main([str(tmp_path / "merged"), "--rotate", "5", "-o", str(tmp_path / "unlisted")]) == 0
+    (tmp_path / "unlisted" / "SHA256SUMS").unlink()
+    assert convert.main([str(tmp_path / "merged"), str(tmp_path / "converted")]) == 0
+    for name in ("edited", "unlisted", "converted"):
+        before = {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
+        assert merge.main([*both, "-o", str(tmp_path / name)]) == 1
+        said = capsys.readouterr().err
+        assert re.fullmatch(r"merge: \S+: holds map\.npz, .* no merge wrote .*: choose another folder\n", said)
+        assert {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} == before
