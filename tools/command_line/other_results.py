@@ -47,7 +47,7 @@ def refuse_other_results(out: Path, *, of_merge: bool) -> None:
 
 
 def refuse_to_map_over(out: Path, folders: Iterable[Path]) -> None:
-    """Refuse folders of robots that hold a merged map or a map of another program, and a merged map beside them.
+    """Refuse folders of robots that hold a map of another program or command, and a merged map beside them.
 
     A map of the robot may be replaced, also an unfinished one.
     """
@@ -57,9 +57,22 @@ def refuse_to_map_over(out: Path, folders: Iterable[Path]) -> None:
         if _MERGED in names and _MAPPED not in names:
             what = "a merged map and its report" if folder == out else "a merged map"
             raise OutputError(f"{folder}: holds {what} ({_MERGED}), {remedy}")
-        there = [name for name in FIXED_NAMES if name in names]
-        if folder != out and there and not {_MAPPED, _MAP} & names:
-            raise OutputError(f"{folder}: holds {', '.join(there[:_SHOWN])}, {remedy}")
+        if folder != out and (found := _other_map(folder, names)):
+            raise OutputError(f"{folder}: holds {found}, {remedy}")
+
+
+def _other_map(folder: Path, names: set[str]) -> str | None:
+    """Return what a robot's folder holds in place of its map; None if it is free or holds a map that `map` wrote."""
+    if _EDITS in names:
+        return f"an edited map ({_EDITS})"
+    if _MAPPED in names:
+        return None
+    if {CHECKSUMS, _MAP} <= names:
+        return f"a converted map ({CHECKSUMS} without {_MAPPED})"
+    if is_merged_map(folder / _MAP):
+        return f"a merged map ({_MAP})"
+    there = [name for name in FIXED_NAMES if name in names]
+    return ", ".join(there[:_SHOWN]) if there and _MAP not in names else None
 
 
 def _is_interrupted_merge(folder: Path, names: set[str]) -> bool:

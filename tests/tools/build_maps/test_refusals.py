@@ -12,7 +12,8 @@ from tbmslam.errors import TbmSlamError
 from tbmslam.io.trajectory_file import TumError
 from tbmslam.sensing.segmentation import SegmentationError
 from tests.datasets.conftest import BagScript
-from tests.tools.build_maps.built_maps import run
+from tests.tools.build_maps.built_maps import QUICK, run
+from tools import convert, edit, merge
 from tools.mapping.run import OutputError
 
 
@@ -158,6 +159,42 @@ def test_a_map_of_other_origin_is_not_replaced(bag, tmp_path, capsys, place, fil
     assert run(bag, "-o", tmp_path / "out") == 1
     assert re.fullmatch(rf"build_maps: \S+: {fact}.*: choose another folder\n", capsys.readouterr().err)
     assert {file.name: file.read_text() for file in folder.iterdir()} == dict.fromkeys(files, "mine")
+
+
+@pytest.mark.parametrize(
+    ("made_by", "without", "fact"),
+    [
+        ("edit", (), r"an edited map \(edits\.toml\)"),
+        ("edit", ("SHA256SUMS",), r"an edited map \(edits\.toml\)"),
+        ("convert", (), r"a converted map \(SHA256SUMS without run\.json\)"),
+        ("merge", ("report.json", "report.html", "SHA256SUMS"), r"a merged map \(map\.npz\)"),
+    ],
+)
+def test_a_map_of_another_command_is_not_replaced(bag, folders, tmp_path, capsys, made_by, without, fact):
+    out = tmp_path / "out" / "robot_0"
+    here, there = str(folders / "here"), str(folders / "there")
+    if made_by == "edit":
+        assert edit.main([here, "--rotate", "5", "-o", str(out)]) == 0
+    elif made_by == "convert":
+        assert convert.main([here, str(out)]) == 0
+    else:
+        assert merge.main([here, there, "-o", str(out)]) == 0
+    for name in without:
+        (out / name).unlink()
+    before = {file.name: file.read_bytes() for file in out.iterdir()}
+    capsys.readouterr()
+    assert run(bag, "-o", tmp_path / "out", *QUICK) == 1
+    said = capsys.readouterr().err
+    assert re.fullmatch(rf"build_maps: \S+: holds {fact}, which would be replaced: choose another folder\n", said)
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == before
+
+
+def test_an_unfinished_map_of_the_robot_is_replaced(bag, tmp_path):
+    assert run(bag, "-o", tmp_path, *QUICK) == 0
+    for name in ("run.json", "SHA256SUMS"):
+        (tmp_path / "robot_0" / name).unlink()
+    assert run(bag, "-o", tmp_path, *QUICK) == 0
+    assert (tmp_path / "robot_0" / "SHA256SUMS").is_file()
 
 
 def test_a_laser_that_measures_nothing_is_one_line(tmp_path, capsys):
