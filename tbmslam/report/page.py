@@ -179,7 +179,6 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **installed}
 
 
-@cache
 def _version_of(package: str) -> str | None:
     try:
         return importlib.metadata.version(package)
