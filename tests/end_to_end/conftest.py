@@ -17,7 +17,7 @@ def office(tmp_path_factory):
 def flat(tmp_path_factory):
     """Two robots in a flat with a small laser: bags only, quick to map."""
     bags = tmp_path_factory.mktemp("flat")
-    small = ("--beams", 361, "--rate", 5, "--length", 30, "--overlap", 0.7)
+    small = ("--beams", 361, "--rate", 8, "--length", 45, "--overlap", 0.6)
     return simulate(bags, "--world", "apartment", "--seed", 3, "--robots", 2, *small)
 
 

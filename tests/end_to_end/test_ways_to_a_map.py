@@ -24,7 +24,7 @@ from tests.end_to_end.programs import build, contents, merge_maps, simulate
 
 pytestmark = pytest.mark.xdist_group("flat")
 
-SMALL = ("--world", "apartment", "--seed", 3, "--beams", 361, "--rate", 5, "--length", 30)
+SMALL = ("--world", "apartment", "--seed", 3, "--beams", 361, "--rate", 8, "--length", 45)
 
 
 def true_poses(bags, maps, names):
@@ -40,7 +40,7 @@ def test_a_bag_for_each_robot(flat, flat_maps, tmp_path):
 
 
 def test_one_bag_split_for_two_robots(tmp_path):
-    bag = simulate(tmp_path / "long", *SMALL[:-1], 60) / "robot_0.bag"
+    bag = simulate(tmp_path / "long", *SMALL[:-1], 80) / "robot_0.bag"
     reference = tmp_path / "long" / "robot_0.truth.tum"
     split = ("--robots", 2, "--overlap", 0.5, "--reference", reference)
     maps = build(tmp_path / "maps", bag, *split)
@@ -78,7 +78,7 @@ def test_building_twice_gives_the_same_bytes(flat, split_drive, tmp_path):
 
 
 def test_an_mcap_bag_gives_the_map_of_the_ros_1_bag(flat, tmp_path):
-    mcap = simulate(tmp_path / "mcap", *SMALL, "--robots", 2, "--overlap", 0.7, "--format", "mcap")
+    mcap = simulate(tmp_path / "mcap", *SMALL, "--robots", 2, "--overlap", 0.6, "--format", "mcap")
     maps = build(
         tmp_path / "maps", flat / "robot_0.bag", mcap / "robot_0", "--separate", "--no-truth", "--frames", "odometry"
     )
