@@ -78,7 +78,7 @@ class BagFiles:
         """Return the first point clouds of a topic, at most `count`; unreadable clouds are left out."""
         clouds: list[PointCloud] = []
         for source in self._sources:
-            decoders = MessageDecoder(is_ros1=False), MessageDecoder(is_ros1=True)
+            decoders = _decoders()
             for connection, _, data in islice(source.messages([topic], topic), count - len(clouds)):
                 cloud = decoders[connection.is_ros1].decoded(connection.msgtype, data)
                 if isinstance(cloud, PointCloud):
@@ -91,7 +91,7 @@ class BagFiles:
         This is slow: `messages` decodes only what a pass needs.
         """
         for source in self._sources:
-            decoders = MessageDecoder(is_ros1=False), MessageDecoder(is_ros1=True)
+            decoders = _decoders()
             for connection, time, data in source.messages(topics, steered_by):
                 message = decoders[connection.is_ros1].whole(connection.msgtype, data)
                 if message is not None:
@@ -157,9 +157,14 @@ class BagFiles:
         self.topics[connection.topic] = Topic(connection.topic, connection.msgtype, count)
 
 
+def _decoders() -> tuple[MessageDecoder, MessageDecoder]:
+    """Return the decoders of ROS 2 and of ROS 1, by `BagConnection.is_ros1`: an MCAP file may hold both."""
+    return MessageDecoder(is_ros1=False), MessageDecoder(is_ros1=True)
+
+
 def _stream(source: BagSource, topics: Collection[str], steered_by: str, cut: CloudSlice | None) -> Iterator[Message]:
     _check_definitions(source.path, [each for each in source.connections if each.topic in topics and each.is_ros1])
-    decoders = MessageDecoder(is_ros1=False), MessageDecoder(is_ros1=True)
+    decoders = _decoders()
     for connection, time, data in source.messages(topics, steered_by):
         content = decoders[connection.is_ros1].decoded(connection.msgtype, data)
         if isinstance(content, PointCloud):
