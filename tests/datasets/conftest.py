@@ -1,6 +1,6 @@
 """Small real bags, written message by message."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -132,6 +132,17 @@ class BagScript:
         """Odometry in tf: along x at 1 m/s, turning by 0.1 rad/s."""
         for stamp in np.arange(start, stop, step):
             self.tf(float(stamp), "odom", "base_link", drive_pose(float(stamp)), **names)
+        return self
+
+    def drive_of_a_late_clock(self, source: str, clocks: Iterable[float], scan_delay: float) -> "BagScript":
+        """Drive 0.1 m each 0.1 s; `clocks` are the stamps, by tf or by the odometry topic, of a simulation."""
+        for k, clock in enumerate(clocks):
+            now, pose = 1000.0 + 0.1 * k, SE2(0.1 * k, 0.0, 0.0)
+            if source == "tf":
+                self.tf(clock, "odom", "base_link", pose, bag_time=now)
+            else:
+                self.odometry(clock, pose, bag_time=now)
+            self.scan(clock, (1.0, 2.0, 3.0 + 0.01 * k), bag_time=now + scan_delay)
         return self
 
     def in_time_order(self) -> "BagScript":

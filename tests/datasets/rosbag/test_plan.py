@@ -213,14 +213,8 @@ def test_a_camera_sees_what_is_ahead_of_it(script, tmp_path, mount):
 @pytest.mark.parametrize("source", ["tf", "topic"])
 def test_one_clock_is_used_where_a_simulation_starts_its_clock_late(script, tmp_path, caplog, source):
     """The clock starts after what the survey mostly reads, and odometry arrives sooner than scans."""
-    for k in range(300):
-        now, clock = 1000.0 + 0.1 * k, 0.1 * (k - 199) if k >= 200 else 0.0
-        pose = SE2(0.1 * k, 0.0, 0.0)
-        if source == "tf":
-            script.tf(clock, "odom", "base_link", pose, bag_time=now)
-        else:
-            script.odometry(clock, pose, bag_time=now)
-        script.scan(clock, (1.0, 2.0, 3.0 + 0.01 * k), bag_time=now + 0.03)
+    clocks = [0.1 * (k - 199) if k >= 200 else 0.0 for k in range(300)]
+    script.drive_of_a_late_clock(source, clocks, scan_delay=0.03)
     readings, recording = read(script.in_time_order().write(tmp_path / "run.bag"))
     assert [reading.scan.stamp for reading in readings] == pytest.approx([0.1 * (k - 199) for k in range(300)])
     assert [reading.T_odom_robot.x for reading in readings] == pytest.approx([0.1 * k for k in range(300)])

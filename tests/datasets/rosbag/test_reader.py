@@ -352,14 +352,8 @@ def test_topics_in_blocks_of_their_own(script, tmp_path):
 
 @pytest.mark.parametrize("source", ["tf", "topic"])
 def test_stamps_that_a_simulation_leaves_at_zero_until_it_hears_its_clock(script, tmp_path, source):
-    for k in range(80):
-        bag_time, stamp = 1000.0 + 0.1 * k, 20.0 + 0.1 * k if k >= 10 else 0.0
-        pose = SE2(0.1 * k, 0.0, 0.0)
-        if source == "tf":
-            script.tf(stamp, "odom", "base_link", pose, bag_time=bag_time)
-        else:
-            script.odometry(stamp, pose, bag_time=bag_time)
-        script.scan(stamp, (1.0, 2.0, 3.0 + 0.01 * k), bag_time=bag_time + 0.001)
+    clocks = [20.0 + 0.1 * k if k >= 10 else 0.0 for k in range(80)]
+    script.drive_of_a_late_clock(source, clocks, scan_delay=0.001)
     readings = list(open_recording([script.write(tmp_path / "run.bag")]))
     assert len(readings) == 80
     assert [reading.scan.stamp for reading in readings] == pytest.approx([20.0 + 0.1 * k for k in range(80)], abs=0.01)
