@@ -83,10 +83,10 @@ def merge(
     """Merge maps with unknown relative poses.
 
     Every pair of maps is aligned; with many maps only similar pairs are aligned (`merging.rounds`). Alignments that
-    agree join maps into groups. Maps with keyframes in different groups are aligned again by short ranges only. If one
-    or two alignments join two groups, the groups must match as wholes. Refused pairs are then registered non-rigidly,
-    as are accepted pairs that alone join a map. The largest group is fused in the order of the maps. If poses are known
-    (`MergeConfig.known_poses`), the group of these maps is fused instead.
+    agree join maps into groups. If one or two alignments join two groups, the groups must match as wholes. Maps with
+    keyframes in different groups are then aligned again by short ranges only. Refused pairs are registered
+    non-rigidly, as are accepted pairs that alone join a map. The largest group is fused in the order of the maps. If
+    poses are known (`MergeConfig.known_poses`), the group of these maps is fused instead.
 
     Parameters
     ----------
@@ -111,8 +111,10 @@ def merge(
     grouping = partial(_grouped, list(maps), config, executor.progress, known.poses)
     found = MergeState.of(maps, known.alignments, grouping)
     found = with_pairs_aligned(found, config, executor)
-    found = with_short_range_alignments(found, config, executor)
     found = without_refuted_bridges(found, config, executor.progress)
+    apart = found.apart()
+    found = with_short_range_alignments(found, config, executor)
+    found = without_refuted_bridges(found, config, executor.progress, apart)
     found = _with_deformed_maps(found, config, executor)
     group = found.groups[0]
     done = _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
@@ -172,9 +174,9 @@ def _with_deformed_maps(found: MergeState, config: MergeConfig, executor: Execut
         return found
     rigid = {pair: found.alignments[pair] for pair in registrations if found.alignments[pair].accepted}
     without = {pair: replace(alignment, accepted=False, confidence=0.0) for pair, alignment in rigid.items()}
-    before = found.with_alignments(without).groups if without else found.groups
+    before, apart = found.with_alignments(without).groups if without else found.groups, found.apart()
     found = found.with_alignments({pair: registration.alignment for pair, registration in registrations.items()})
-    found = without_refuted_bridges(found, config, executor.progress, registrations.keys() - rigid.keys())
+    found = without_refuted_bridges(found, config, executor.progress, apart)
     kept = {pair: each for pair, each in registrations.items() if found.alignments[pair].accepted}
     found = found.with_deformed(deformed_maps(kept, found.maps, found.groups, before))
     return found.with_own_grids([pair for pair in kept if any(pair in group.used for group in found.groups)])
