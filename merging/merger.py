@@ -109,16 +109,14 @@ def merge(
     config, executor = config or MergeConfig(), Executor(workers, scheduler, progress or Progress())
     known = place_by_priors(maps, config)
     grouping = partial(_grouped, list(maps), config, executor.progress, known.poses)
-    found = MergeState.of(maps, known.alignments, grouping)
-    found = with_pairs_aligned(found, config, executor)
+    found = with_pairs_aligned(MergeState.of(maps, known.alignments, grouping), config, executor)
     found = without_refuted_bridges(found, config, executor.progress)
-    apart = found.apart()
-    found = with_short_range_alignments(found, config, executor)
-    found = without_refuted_bridges(found, config, executor.progress, apart)
+    again = with_short_range_alignments(found, config, executor)
+    found = without_refuted_bridges(again, config, executor.progress, set(found.apart()))
     found = _with_deformed_maps(found, config, executor)
     group = found.groups[0]
-    done = _merged(found, merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None)
-    return _with_pictures(done, maps, config)
+    joined = merge_group(found.maps, group, config, executor.progress) if len(group) > 1 else None
+    return _with_pictures(_merged(found, joined), maps, config)
 
 
 def align(target: TbmMap, source: TbmMap, config: MergeConfig | None = None) -> Alignment:
@@ -174,7 +172,7 @@ def _with_deformed_maps(found: MergeState, config: MergeConfig, executor: Execut
         return found
     rigid = {pair: found.alignments[pair] for pair in registrations if found.alignments[pair].accepted}
     without = {pair: replace(alignment, accepted=False, confidence=0.0) for pair, alignment in rigid.items()}
-    before, apart = found.with_alignments(without).groups if without else found.groups, found.apart()
+    before, apart = found.with_alignments(without).groups, set(found.apart())
     found = found.with_alignments({pair: registration.alignment for pair, registration in registrations.items()})
     found = without_refuted_bridges(found, config, executor.progress, apart)
     kept = {pair: each for pair, each in registrations.items() if found.alignments[pair].accepted}
