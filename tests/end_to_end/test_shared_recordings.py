@@ -1,5 +1,6 @@
 """Every shared recording through both programs; nobody here made them, so figures are rough and traps are real."""
 
+import functools
 import itertools
 import json
 import math
@@ -48,21 +49,19 @@ FOLDERS = {
 
 @pytest.fixture(scope="module")
 def mapped(tmp_path_factory):
-    """Return a function that maps a recording, once."""
-    done = {}
+    """Return a function that maps a recording, with further options of the program, once."""
 
-    def map_once(shared_data, name):
-        if name not in done:
-            recording, options = FOLDERS[name]
-            (done[name],) = map_folders(build(tmp_path_factory.mktemp("maps"), shared_data / recording, *options))
-        return done[name]
+    @functools.cache
+    def map_once(shared_data, name, *options):
+        recording, own = FOLDERS[name]
+        return map_folders(build(tmp_path_factory.mktemp("maps"), shared_data / recording, *own, *options))
 
     return map_once
 
 
 @pytest.mark.parametrize("name", FOLDERS)
 def test_each_maps_and_every_file_can_be_read_again(shared_data, mapped, name):
-    folder = mapped(shared_data, name)
+    (folder,) = mapped(shared_data, name)
     run = json.loads((folder / "run.json").read_text())
     assert run["result"]["scans"] == len(read_tum(folder / "trajectory.tum"))
     tbm_map = load_map(folder)
@@ -82,7 +81,8 @@ def test_each_maps_and_every_file_can_be_read_again(shared_data, mapped, name):
 )
 def test_drives_agree_with_the_true_relations(shared_data, mapped, name, reached_m, reached_deg):
     relations = read_relations(shared_data / name / f"{name}.relations")
-    errors = relation_errors(relations, read_tum(mapped(shared_data, name) / "trajectory.tum"))
+    (folder,) = mapped(shared_data, name)
+    errors = relation_errors(relations, read_tum(folder / "trajectory.tum"))
     assert len(errors.translations_m) == len(relations.stamps)
     assert errors.translations_m.mean() < 1.3 * reached_m
     assert errors.rotations_deg.mean() < 1.3 * reached_deg
@@ -116,29 +116,16 @@ def test_bent_drives_merge_only_if_bridges_are_verified_after_a_joint_optimisati
     assert least <= len(merging.merge(parts, config).poses) <= most
 
 
-@pytest.fixture(scope="module")
-def clinic_in_six(tmp_path_factory):
-    """Return a function that maps fr-clinic, with an offset [m] of all ranges, as six drives, once."""
-    done = {}
-
-    def map_once(shared_data, offset):
-        if offset not in done:
-            recording, out = shared_data / "fr-clinic" / "fr-clinic.bag", tmp_path_factory.mktemp("maps")
-            done[offset] = map_folders(build(out, recording, "--robots", 6, "--range-offset", offset))
-        return done[offset]
-
-    return map_once
-
-
 @pytest.mark.parametrize(("offset", "is_short", "merged"), [(0.0, True, 3), (0.001, True, 3), (0.0, False, 2)])
 def test_bridges_of_short_ranges_are_verified_by_short_ranges(
-    shared_data, clinic_in_six, monkeypatch, offset, is_short, merged
+    shared_data, mapped, monkeypatch, offset, is_short, merged
 ):
+    """Two of the drives are bent: their whole maps agree at the true pose, but their far walls refute the bridge."""
     if not is_short:
         in_full = refutation.group_maps_of
         monkeypatch.setattr(refutation, "group_maps_of", lambda *args: in_full(*args[:5]))
-    """Two of the drives are bent: their whole maps agree at the true pose, but their far walls refute the bridge."""
-    parts = {folder.name: load_map(folder) for folder in clinic_in_six(shared_data, offset)[2:5]}
+    folders = mapped(shared_data, "fr-clinic", "--robots", 6, "--range-offset", offset)
+    parts = {folder.name: load_map(folder) for folder in folders[2:5]}
     found = merging.merge(parts)
     assert len(found.poses) == merged
     assert found.alignments["fr-clinic_3", "fr-clinic_4"].accepted is is_short
@@ -160,7 +147,8 @@ def test_two_real_drives_merge_and_merge_with_a_known_map(shared_data, tmp_path)
 
 @pytest.mark.parametrize("name", FOLDERS)
 def test_no_correctly_described_laser_causes_a_warning(shared_data, mapped, name):
-    warnings = json.loads((mapped(shared_data, name) / "run.json").read_text())["warnings"]
+    (folder,) = mapped(shared_data, name)
+    warnings = json.loads((folder / "run.json").read_text())["warnings"]
     assert not [one for one in warnings if " fit best where " in one]
 
 
