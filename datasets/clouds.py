@@ -307,6 +307,11 @@ def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], named: str, unkn
     where = "are empty"
     if len(heights):
         lowest, highest = np.percentile(heights, (5.0, 95.0))
+        if cut.low <= lowest and highest <= cut.high:
+            raise DatasetError(
+                f"{named} lie in few directions from their frame's origin, though at the right heights: choose a "
+                "topic in the frame of a sensor that sees more, with --scan-topic"
+            )
         where = f"lie mostly between {lowest:.2f} and {highest:.2f} m"
     if unknown is not None:
         raise DatasetError(

@@ -192,7 +192,7 @@ def _odom_candidates(graph: FrameGraph, sensor: str, options: RecordingOptions) 
 def _robot_candidates(graph: FrameGraph, odom: str, sensor: str, localised: bool) -> list[str]:
     """Return frames that may be the robot's, best first."""
     path = graph.path(odom, sensor, localised)
-    if path is None:
+    if not path:
         below = [f for name in _ROBOT_FRAMES for f in graph.frames() if _last(f) == name]
         return [*below, *(child for parent, child in graph.edges if parent == odom)]
     on_way = [step.edge.child if step.down else step.edge.parent for step in path]

@@ -207,12 +207,15 @@ def _take(survey: Survey, message: Message) -> None:
             survey.graph.add(item.parent, item.child, item.pose, is_static(message.topic), lag)
     else:
         for pose in message.content:
-            survey.add_pose(pose.child, pose.pose, message.bag_time - pose.stamp_or(math.nan))
+            survey.add_pose(pose.parent, pose.child, pose.pose, message.bag_time - pose.stamp_or(math.nan))
         survey.no_motions += not message.content
 
 
 def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, survey: Survey) -> SurveyedLaser:
-    """Return the laser whose scans are read, and warn if the topic has scans of other lasers."""
+    """Return the laser whose scans are read, and warn if the topic has scans of other lasers.
+
+    Points in a frame that stays where the drive began, as those of registered clouds, are refused.
+    """
     lasers = list(survey.lasers.values())
     if not lasers:
         raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
@@ -234,6 +237,12 @@ def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, sur
             topics.scan,
             listed,
             survey.laser.frame,
+        )
+    if options.sensor_pose is None and survey.moves_in(survey.laser.frame):
+        raise DatasetError(
+            f"{files.paths[0]}: the points of {topics.scan} are in the frame {survey.laser.frame}, in which the robot "
+            "moves, so it is unknown from where the laser saw them: choose a topic in the laser's own frame with "
+            "--scan-topic, or pass --sensor-pose if the frame's name is wrong"
         )
     return survey.laser
 

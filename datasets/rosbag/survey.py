@@ -128,6 +128,8 @@ class Survey:
     graph: FrameGraph = field(default_factory=FrameGraph)
     odometry_robot: str | None = None
     """Robot's frame by the first pose of the odometry topic, which may be empty; None before it."""
+    odometry_frame: str = ""
+    """Frame in which the first pose of the odometry topic is stated."""
     odometry_lags: list[float] = field(default_factory=list)
     """Bag times minus stamps of its first poses [s]."""
     first_pose: SE3 | None = None
@@ -155,9 +157,10 @@ class Survey:
             self.lasers[name] = SurveyedLaser(name, scan, self.options)
         self.lasers[name].add(scan, bag_time)
 
-    def add_pose(self, robot: str, pose: SE3, lag: float) -> None:
+    def add_pose(self, frame: str, robot: str, pose: SE3, lag: float) -> None:
         """Add a pose of the odometry topic; its lag is nan if its stamp is unset."""
-        self.odometry_robot = robot if self.odometry_robot is None else self.odometry_robot
+        if self.odometry_robot is None:
+            self.odometry_frame, self.odometry_robot = plain(frame), robot
         self.first_pose = pose if self.first_pose is None else self.first_pose
         self.odometry_moves = self.odometry_moves or pose != self.first_pose
         if len(self.odometry_lags) < KEPT_LAGS and math.isfinite(lag):
@@ -166,6 +169,13 @@ class Survey:
     def frames(self) -> Frames | None:
         """Return the chosen frames."""
         return choose_frames(self.graph, self.laser.frame if self.laser is not None else "", self.options)
+
+    def moves_in(self, frame: str) -> bool:
+        """Return whether a frame is the one in which odometry states the robot's motion, or above it in tf."""
+        frames = self.frames()
+        odometry = "" if self.odometry_frame == plain(self.odometry_robot or "") else self.odometry_frame
+        paths = [self.graph.path(frame, below, True) for below in (frames.odom if frames else "", odometry) if below]
+        return any(path is not None and all(step.down for step in path) for path in paths)
 
     def is_enough(self, bag_time: float) -> bool:
         """Return whether the survey needs no more of the recording."""

@@ -300,6 +300,14 @@ def test_a_slice_without_walls_is_refused_with_the_heights_that_there_are():
         chosen([room_cloud()._replace(points=np.zeros((0, 3)))])
 
 
+def test_points_at_the_right_heights_in_few_directions_are_refused():
+    far = room_cloud()._replace(
+        points=np.column_stack((np.full(50, 11.0), np.linspace(0.0, 2.0, 50), np.full(50, 0.2)))
+    )
+    with pytest.raises(DatasetError, match=r"/points lie in few directions .* with --scan-topic"):
+        chosen([far])
+
+
 def test_a_slice_without_walls_of_a_sensor_at_an_unknown_place():
     said = (
         r"a\.bag: the clouds of /points hold hardly any point between 1\.00 and 2\.00 m above the sensor, if it is "

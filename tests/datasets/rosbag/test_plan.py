@@ -122,6 +122,24 @@ def test_a_laser_far_from_its_robot(script, tmp_path, caplog, away, refused):
         assert recording.description["sensor_pose_known"] is far
 
 
+@pytest.mark.parametrize("by_tf", [True, False])
+@pytest.mark.parametrize("frame", ["odom", "map"])
+def test_points_in_the_frame_of_the_drive_are_refused(script, tmp_path, by_tf, frame):
+    if frame == "map":
+        script.tf(99.0, "map", "odom").tf(105.0, "map", "odom", SE2(0.1, 0.0, 0.0))
+    for k in range(60):
+        now = 100.0 + 0.1 * k
+        if by_tf:
+            script.tf(now, "odom", "base_link", SE2(0.1 * k, 0.0, 0.0))
+        else:
+            script.odometry(now, SE2(0.1 * k, 0.0, 0.0))
+        script.scan(now + 0.05, frame=frame)
+    path = script.in_time_order().write(tmp_path / "run.bag")
+    with pytest.raises(DatasetError, match=f"the points of /scan are in the frame {frame}, in which the robot moves"):
+        open_recording([path])
+    assert len(read(path, sensor_pose=SE2.identity())[0]) > 50
+
+
 def test_scans_without_beams_are_refused_in_one_line(script, tmp_path):
     for k in range(90):
         script.scan(100.0 + 0.05 * k, [])

@@ -54,8 +54,8 @@ def test_scans_that_arrive_two_at_a_time_leave_the_period_known():
 
 def test_an_unset_stamp_gives_no_lag():
     survey = at([math.nan, 1.0])
-    survey.add_pose("base_link", SE3.identity(), math.nan)
-    survey.add_pose("base_link", SE3.identity(), 0.5)
+    survey.add_pose("odom", "base_link", SE3.identity(), math.nan)
+    survey.add_pose("odom", "base_link", SE3.identity(), 0.5)
     assert survey.laser.lags == [0.0]
     assert survey.odometry_lags == [0.5]
 
@@ -136,5 +136,5 @@ def test_the_wait_for_stamps_has_an_end():
 def test_few_lags_of_the_odometry_are_kept():
     survey = Survey(RecordingOptions())
     for _ in range(2000):
-        survey.add_pose("base_link", SE3.identity(), 0.5)
+        survey.add_pose("odom", "base_link", SE3.identity(), 0.5)
     assert survey.odometry_lags == [0.5] * 500
