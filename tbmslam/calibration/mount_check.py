@@ -38,7 +38,10 @@ class MountCheckConfig(FrozenConfig):
     opposed: float = Field(
         0.8, gt=0, le=1, description="least negative correlation of both rotations for a laser upside down"
     )
-    turning: float = Field(2.0 * math.pi, gt=0, description="least total rotation for a laser upside down [rad]")
+    turning: float = Field(1.0, gt=0, description="least total rotation for a laser upside down [rad]")
+    mirrored: float = Field(
+        10.0, gt=0, description="least log likelihood ratio of mirrored against equal rotations for a laser upside down"
+    )
 
 
 def mount_warning(
@@ -73,10 +76,21 @@ def mount_warning(
 
 
 def _is_upside_down(wheels: FloatArray, seen: FloatArray, config: MountCheckConfig) -> bool:
-    """Return whether the rotations (M,) [rad] by odometry and by scans are opposite."""
+    """Return whether the rotations (M,) [rad] by odometry and by scans are opposite.
+
+    The likelihood of each hypothesis is that of its residuals, normal with an unknown deviation. It alone does not
+    suffice: unrelated rotations of a long drive are more alike with one sign by chance.
+    """
+    if min(float(np.abs(wheels).sum()), float(np.abs(seen).sum())) < config.turning:
+        return False
     lengths = math.sqrt(float(wheels @ wheels) * float(seen @ seen))
-    enough = min(float(np.abs(wheels).sum()), float(np.abs(seen).sum())) >= config.turning
-    return enough and float(wheels @ seen) <= -config.opposed * lengths
+    equal, mirrored = (max(float(error @ error), _EXACT) for error in (seen - wheels, seen + wheels))
+    evidence = 0.5 * len(wheels) * math.log(equal / mirrored)
+    return evidence >= config.mirrored and float(wheels @ seen) <= -config.opposed * lengths
+
+
+_EXACT = 1e-9
+"""Least sum of squared residuals, against a division by zero [rad^2]."""
 
 
 def _as_text(pose: Sequence[float]) -> tuple[str, str, str]:

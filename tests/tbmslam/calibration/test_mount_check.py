@@ -90,14 +90,15 @@ def test_there_is_no_warning_without_odometry_or_with_other_odometry(generator):
     assert doubt(wrong, generator, np.cumsum(generator.normal(0.0, 0.1, (STEPS, 3)), axis=0)) is None
 
 
-def mirrored(generator, turning=0.5):
+def mirrored(generator, turning=0.5, steps=STEPS):
     """Return poses as scans tell them that are mirrored, as those of a laser upside down are where nobody knows."""
-    flipped = winding(turning) * [1.0, -1.0, -1.0]
+    flipped = winding(turning, steps) * [1.0, -1.0, -1.0]
     return flipped + generator.normal(0.0, [0.01, 0.01, 0.02], flipped.shape)
 
 
-def test_a_laser_that_hangs_upside_down_unsaid(generator):
-    said = doubt(TRUE, generator, mirrored(generator))
+@pytest.mark.parametrize("steps", [STEPS, 25], ids=["36 m", "3 m"])
+def test_a_laser_that_hangs_upside_down_unsaid(generator, steps):
+    said = doubt(TRUE, generator, mirrored(generator, steps=steps), steps=steps)
     assert said == (
         "the scans turn left where the odometry turns right: the laser hangs upside down, and the map is a mirror "
         "image (--upside-down; --no-upside-down where tf says so), or the odometry is wrong (--odometry none)"
