@@ -45,9 +45,8 @@ class _LogSurvey:
 def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
     """Open logs, plain or compressed by gzip, bzip2 or xz, as one recording, one after another.
 
-    `options.scan_topic` names the kind of line. Options of frames and tf do not apply, and `options.clock_offset` only
-    to RAWLASER1, whose odometry has lines of its own. Raises a `DatasetError` if the files hold no scan of the
-    requested kind.
+    `options.scan_topic` names the kind of line. Options of frames and tf do not apply. Raises a `DatasetError` if the
+    files hold no scan of the requested kind.
     """
     survey = _surveyed(paths)
     kind = _kind(paths, survey, options)
@@ -57,10 +56,11 @@ def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
         options = replace(options, odometry="none")
     samples = _sampled(survey.samples[kind], settings)
     rules = _range_rules(samples, options, settings)
+    mount = options.sensor_pose or (samples[0].T_robot_sensor if samples else SE2(settings.laser_offset, 0.0, 0.0))
     recording = Recording(
         paths[0].name.split(".")[0],
-        lambda counts: _readings(paths, kind, settings, rules, options, counts),
-        _description(paths, kind, settings, rules, options, samples),
+        lambda counts: _readings(paths, kind, settings, rules, options, mount, counts),
+        _description(paths, kind, settings, rules, options, mount, samples),
         survey.numbers[kind],
     )
     logger.info("%s: %s", recording.name, recording.description)
@@ -164,13 +164,16 @@ def _readings(
     settings: LogSettings,
     rules: RangeRules,
     options: RecordingOptions,
+    mount: SE2,
     counts: ReadingCounts,
 ) -> Iterator[Reading]:
-    """Yield the readings of one pass in the order of the lines."""
+    """Yield the readings of one pass in the order of the lines.
+
+    If odometry is looked up by time, the poses in lines of scans are odometry at the stamps of these scans.
+    """
     step = math.radians(options.angle_step_deg) if options.angle_step_deg is not None else None
     intake = ScanIntake(rules, step, options.gap_s, counts)
-    mounting = Mounting([], options.sensor_pose or SE2(settings.laser_offset, 0.0, 0.0), options.upside_down)
-    motion = TopicMotion(mounting)
+    motion = TopicMotion(Mounting([], mount, options.upside_down))
     pairing = Pairing(motion, counts, options.clock_offset or 0.0, options.odometry_scale, options.max_odometry_gap_s)
     for block in in_blocks(line for path in paths for line in lines_of(path)):
         kinds = [kind_of(line) for line in block]
@@ -188,16 +191,23 @@ def _readings(
                 scan = intake.take(raw, next(cleaned))
                 if scan is None:
                     continue
-                if options.odometry == "none" or logged.T_odom_robot is not None:
+                if not _looks_up(kind, options):
                     counts.scans_used += 1
                     yield _reading(scan, logged, options)
-                else:
-                    pairing.add(scan, scan.stamp)
-                    yield from pairing.ready(scan.stamp)
+                    continue
+                if logged.T_odom_robot is not None:
+                    motion.add(scan.stamp, SE3.from_planar(logged.T_odom_robot))
+                pairing.add(scan, scan.stamp)
+                yield from pairing.ready(scan.stamp)
             elif kind == "RAWLASER1" and own == "ODOM":
                 _add_pose(motion, line, settings, counts.scans_read)
                 yield from pairing.ready(float("-inf"))
     yield from pairing.rest()
+
+
+def _looks_up(kind: str, options: RecordingOptions) -> bool:
+    """Return whether odometry is looked up by time, instead of taken from the line of the scan."""
+    return options.odometry != "none" and (kind == "RAWLASER1" or bool(options.clock_offset))
 
 
 def _reading(scan: LaserScan, logged: LoggedScan, options: RecordingOptions) -> Reading:
@@ -223,6 +233,7 @@ def _description(
     settings: LogSettings,
     rules: RangeRules,
     options: RecordingOptions,
+    mount: SE2,
     samples: list[LoggedScan],
 ) -> dict[str, object]:
     """Return the choices and findings for JSON."""
@@ -231,7 +242,6 @@ def _description(
     if step is None and first is not None:
         step = math.degrees(first.raw.angle_increment)
     source = "none" if options.odometry == "none" else "ODOM" if kind == "RAWLASER1" else kind
-    sensor_pose = options.sensor_pose or (first.T_robot_sensor if first is not None else SE2.identity())
     return {
         "kind": "carmen",
         "paths": [str(path) for path in paths],
@@ -240,10 +250,10 @@ def _description(
         "odometry_scale": options.odometry_scale,
         "beams": len(first.raw.ranges) if first is not None else None,
         "angle_step_deg": step,
-        "T_robot_sensor": list(sensor_pose),
+        "T_robot_sensor": list(mount),
         "upside_down": bool(options.upside_down),
         "times": settings.times,
-        "clock_offset_s": (options.clock_offset or 0.0) if source == "ODOM" else None,
+        "clock_offset_s": (options.clock_offset or 0.0) if _looks_up(kind, options) else None,
         "clock_warning": _UNTIMED if settings.times == "none" else None,
         "range_min_m": rules.range_min,
         "range_offset_m": rules.offset,

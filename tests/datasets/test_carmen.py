@@ -100,6 +100,41 @@ def test_raw_laser_takes_odometry_from_odom(tmp_path):
     assert readings[0].T_robot_sensor == SE2(0.25, 0.0, 0.0)
 
 
+def cmu_laser(k):
+    return f"L {10.0 * k:.3f} 50 0 {10.0 * k + 30.0:.3f} 50 0 {' '.join(['100'] * 180)} {1000.0 + 0.2 * k:.6f}\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "mount"), [(flaser, SE2.identity()), (robot_laser, SE2(0.3, 0.0, 0.0)), (cmu_laser, SE2(0.3, 0.0, 0.0))]
+)
+def test_poses_in_lines_of_scans_are_looked_up_at_another_time(tmp_path, line, mount):
+    text = "".join(line(k) for k in range(10))
+    readings, recording = read(tmp_path / "run.log", text, clock_offset=-0.05, odometry_scale=2.0, upside_down=True)
+    assert [reading.scan.stamp for reading in readings] == pytest.approx([1000.0 + 0.2 * k for k in range(1, 10)])
+    assert [reading.T_odom_robot.x for reading in readings] == pytest.approx([0.2 * k - 0.05 for k in range(1, 10)])
+    assert recording.counts.dropped == {"before_odometry": 1}
+    assert all(reading.T_robot_sensor == pytest.approx(mount) for reading in readings)
+    assert all(reading.scan.angle_increment < 0.0 for reading in readings)
+    assert recording.description["clock_offset_s"] == -0.05
+
+
+def test_poses_in_lines_of_scans_later_than_the_scans(tmp_path):
+    readings, recording = read(tmp_path / "run.log", "".join(flaser(k) for k in range(10)), clock_offset=0.3)
+    assert [reading.T_odom_robot.x for reading in readings[:-1]] == pytest.approx([0.1 * k + 0.15 for k in range(9)])
+    assert readings[-1].T_odom_robot is None
+    assert recording.counts.extrapolated == 1
+
+
+@pytest.mark.parametrize(("options", "x"), [({}, 0.3), ({"clock_offset": 0.0}, 0.3), ({"odometry": "none"}, None)])
+def test_poses_in_lines_of_scans_stay_without_an_offset(tmp_path, options, x):
+    readings, recording = read(tmp_path / "run.log", "".join(robot_laser(k) for k in range(10)), **options)
+    assert getattr(readings[3].T_odom_robot, "x", None) == x
+    assert readings[3].T_robot_sensor.x == pytest.approx(0.3)
+    assert recording.description["clock_offset_s"] is None
+    readings, _ = read(tmp_path / "run.log", "".join(flaser(k) for k in range(10)), odometry="none", clock_offset=0.3)
+    assert [reading.T_odom_robot for reading in readings] == [None] * 10
+
+
 def test_a_raw_laser_without_odometry(tmp_path, caplog):
     text = "".join(robot_laser(k, "RAWLASER1") for k in range(10))
     readings, recording = read(tmp_path / "run.log", text)

@@ -125,7 +125,7 @@ def map_robot(task: MappingTask, shelf: Shelf, progress: Progress) -> Mapped:
     began = time.perf_counter()
     recording = shelf.open(task.paths, task.config.recording, once=task.segment is None)
     options = task.config.recording
-    clock = recording.description.get("clock_offset_s")  # None where a line holds a scan and its odometry
+    clock = recording.description.get("clock_offset_s")  # None if odometry is not looked up by time
     corrections = Corrections(
         options.range_offset,
         options.odometry_scale,
