@@ -21,12 +21,12 @@ from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, informations, odo
 _SPAN_S, _STEP_S = 10.0, 1.0
 """Time over which a speed is measured, and time between its poses: noise of single poses would add to the speed."""
 _FASTEST = 4.0
-"""Largest plausible speed [m/s]: robots that map buildings drive up to 2 m/s, their platforms up to 3 m/s."""
+"""Largest usual speed [m/s]: robots that map buildings drive up to 2 m/s, their platforms up to 3 m/s."""
 _CONFIRMED_SHARE = 0.5  # share of the speed that odometry must confirm
 
 
 class ImpossibleSpeed(NamedTuple):
-    """The fastest part of a drive with an impossible speed: its begin [s] and its speed [m/s]."""
+    """The fastest part of a drive that is faster than most robots: its begin [s] and its speed [m/s]."""
 
     stamp: float
     speed: float
@@ -34,15 +34,15 @@ class ImpossibleSpeed(NamedTuple):
     def warning(self) -> str:
         """Return the warning."""
         return (
-            f"the robot would drive at {self.speed:.1f} m/s for {_SPAN_S:.0f} s, faster than any mapping robot: "
-            f"the map is wrong there, or ranges or stamps have another unit"
+            f"the robot would drive at {self.speed:.1f} m/s for {_SPAN_S:.0f} s: unless it is a fast vehicle such as a "
+            f"car, the map is wrong there, or ranges or stamps have another unit"
         )
 
 
 def impossible_speed(
     stamps: FloatArray, poses: FloatArray, keyframe_stamps: FloatArray, odometry: FloatArray
 ) -> ImpossibleSpeed | None:
-    """Return the fastest part of a drive if it is faster than any robot; None otherwise, or if odometry confirms it.
+    """Return the fastest part of a drive if it is faster than most robots; None otherwise, or if odometry confirms it.
 
     `poses` (N, 3) are those of the robot in the map at times (N,) [s], which may step back, and `odometry` (K, 3) those
     by odometry at the keyframes, nan if unknown.

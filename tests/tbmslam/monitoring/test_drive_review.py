@@ -19,6 +19,7 @@ from tbmslam.monitoring.odometry_check import OdometryCheckConfig
 from tbmslam.sensing.laser_scan import Corrections, LaserScan
 from tbmslam.tracking.tracked_keyframe import TrackedKeyframe, packed
 from tbmslam.tracking.tracker import ScanMatch
+from tests.warnings_page import is_explained
 
 STAMPS = 50.0 + 0.1 * np.arange(1000)
 NONE = np.full((100, 3), np.nan)
@@ -40,7 +41,8 @@ def test_an_impossible_speed_is_reported_with_its_time():
     assert found is not None
     assert found.speed == pytest.approx(7.0, abs=0.1)
     assert 90.0 <= found.stamp <= 100.0
-    assert "at 7.0 m/s for 10 s" in found.warning()
+    assert "at 7.0 m/s for 10 s: unless it is a fast vehicle such as a car, the map is wrong" in found.warning()
+    assert is_explained(found.warning())
 
 
 def test_a_speed_that_the_odometry_confirms_is_accepted():
