@@ -55,6 +55,8 @@ def _namespace(name: str) -> tuple[str, ...]:
 
 _MOST_NAMES = 3
 _SCAN_TYPES = (SCAN_TYPE, ECHOES_TYPE, CLOUD_TYPE)
+_LIDAR_PACKAGES = ("velodyne", "pandar", "hesai", "nebula", "ouster", "livox", "rslidar", "robosense", "lslidar")
+"""Begins of the packages whose messages only the driver of a lidar reads: its packets, or its own form of points."""
 
 
 class ChosenTopics(NamedTuple):
@@ -107,10 +109,18 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> tuple[str, str | 
     if scans:
         listed = ", ".join(topic.name for topic in scans)
         raise DatasetError(f"{_names(files)}: {listed} holds no messages: give another recording")
-    listed = ", ".join(sorted(files.topics)) or "no topics at all"
-    raise DatasetError(
-        f"{_names(files)}: no topic is a LaserScan or PointCloud2; there are {listed}: choose another recording"
-    )
+    raise DatasetError(f"{_names(files)}: no topic is a LaserScan or PointCloud2{_what_else(files)}")
+
+
+def _what_else(files: BagFiles) -> str:
+    """Return what a recording without scans holds, and the remedy."""
+    topics = sorted(files.topics.values())
+    raw = [topic for topic in topics if topic.messages and topic.msgtype.startswith(_LIDAR_PACKAGES)]
+    if raw:
+        listed = ", ".join(f"{topic.name} ({topic.msgtype})" for topic in raw)
+        return f", but the lidar's driver reads {listed}: convert to PointCloud2 or LaserScan with this driver"
+    listed = ", ".join(topic.name for topic in topics) or "no topics at all"
+    return f"; there are {listed}: choose another recording"
 
 
 def _transforms(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[str, ...]:

@@ -84,6 +84,32 @@ def test_no_scan_topic(script, tmp_path):
         choose(bag)
 
 
+LIDAR_TYPES = [
+    *("velodyne_msgs/msg/VelodyneScan", "pandar_msgs/msg/PandarScan", "hesai_ros_driver/msg/UdpFrame"),
+    *("nebula_msgs/msg/NebulaPackets", "ouster_ros/msg/PacketMsg", "ouster_sensor_msgs/msg/PacketMsg"),
+    *("livox_ros_driver/msg/CustomMsg", "livox_ros_driver2/msg/CustomMsg", "rslidar_msg/msg/RslidarPacket"),
+    *("robosense_msgs/msg/RobosenseScan", "lslidar_msgs/msg/LslidarPacket"),
+]
+
+
+@pytest.mark.parametrize("msgtype", LIDAR_TYPES)
+def test_data_that_only_the_driver_of_a_lidar_reads(msgtype, tmp_path):
+    from rosbags import rosbag1
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg("uint8[] data\n", msgtype))
+    with rosbag1.Writer(tmp_path / "run.bag") as writer:
+        word = writer.add_connection("/word", "std_msgs/msg/String", typestore=store)
+        writer.add_connection("/silent", msgtype, typestore=store)
+        writer.write(word, 10**9, b"\1\0\0\0a")
+        packets = writer.add_connection("/packets", msgtype, typestore=store)
+        writer.write(packets, 10**9, b"\1\0\0\0a")
+    fact = rf"no topic is a LaserScan or PointCloud2, but the lidar's driver reads /packets \({msgtype}\)"
+    with pytest.raises(DatasetError, match=f"{fact}: convert to PointCloud2 or LaserScan with this driver"):
+        choose(tmp_path / "run.bag")
+
+
 def test_wrong_topics(script, tmp_path):
     script.drive(100.0, 103.0).scan(101.0)
     bag = script.in_time_order().write(tmp_path / "run.bag")
