@@ -56,7 +56,8 @@ def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
         options = replace(options, odometry="none")
     samples = _sampled(survey.samples[kind], settings)
     rules = _range_rules(samples, options, settings)
-    mount = options.sensor_pose or (samples[0].T_robot_sensor if samples else SE2(settings.laser_offset, 0.0, 0.0))
+    mounts = [logged.T_robot_sensor for logged in samples] or [SE2(settings.laser_offset, 0.0, 0.0)]
+    mount = options.sensor_pose or SE2(*np.median(mounts, axis=0).tolist())
     recording = Recording(
         paths[0].name.split(".")[0],
         lambda counts: _readings(paths, kind, settings, rules, options, mount, counts),
@@ -169,7 +170,7 @@ def _readings(
 ) -> Iterator[Reading]:
     """Yield the readings of one pass in the order of the lines.
 
-    If odometry is looked up by time, the poses in lines of scans are odometry at the stamps of these scans.
+    If odometry is looked up by time, each line of a scan also adds its pose to the odometry.
     """
     step = math.radians(options.angle_step_deg) if options.angle_step_deg is not None else None
     intake = ScanIntake(rules, step, options.gap_s, counts)
@@ -188,17 +189,17 @@ def _readings(
                 raw = logged.raw
                 if settings.times == "none":
                     raw = raw._replace(stamp=float(counts.scans_read))
-                scan = intake.take(raw, next(cleaned))
+                scan, looks_up = intake.take(raw, next(cleaned)), _looks_up(kind, options)
+                if looks_up and logged.T_odom_robot is not None:
+                    motion.add(raw.stamp, SE3.from_planar(logged.T_odom_robot))
                 if scan is None:
                     continue
-                if not _looks_up(kind, options):
+                if looks_up:
+                    pairing.add(scan, scan.stamp)
+                    yield from pairing.ready(scan.stamp)
+                else:
                     counts.scans_used += 1
                     yield _reading(scan, logged, options)
-                    continue
-                if logged.T_odom_robot is not None:
-                    motion.add(scan.stamp, SE3.from_planar(logged.T_odom_robot))
-                pairing.add(scan, scan.stamp)
-                yield from pairing.ready(scan.stamp)
             elif kind == "RAWLASER1" and own == "ODOM":
                 _add_pose(motion, line, settings, counts.scans_read)
                 yield from pairing.ready(float("-inf"))

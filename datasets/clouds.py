@@ -302,15 +302,16 @@ def _check_walls(cut: CloudSlice, clouds: Sequence[PointCloud], named: str, unkn
     shares = [float(np.isfinite(cut.scan(cloud).ranges).mean()) for cloud in clouds]
     if np.median(shares) >= _FEWEST_DIRECTIONS:
         return
-    upwards = rotation_of(cut.T_robot_sensor)[2]
-    heights = np.concatenate([cloud.points @ upwards for cloud in clouds]) + cut.T_robot_sensor.z
+    turned = np.concatenate([cloud.points for cloud in clouds]) @ rotation_of(cut.T_robot_sensor).T
+    heights = turned[:, 2] + cut.T_robot_sensor.z
     where = "are empty"
     if len(heights):
         lowest, highest = np.percentile(heights, (5.0, 95.0))
-        if cut.low <= lowest and highest <= cut.high:
+        degrees = np.unique(np.floor(np.degrees(np.arctan2(turned[:, 1], turned[:, 0]))))
+        if cut.low <= lowest and highest <= cut.high and len(degrees) < 360.0 * _FEWEST_DIRECTIONS:
             raise DatasetError(
-                f"{named} lie in few directions from their frame's origin, though at the right heights: choose a "
-                "topic in the frame of a sensor that sees more, with --scan-topic"
+                f"{named} lie at the right heights, but in {len(degrees)} of 360 degrees around the origin of their "
+                "frame: choose a topic with points in the sensor's own frame, with --scan-topic"
             )
         where = f"lie mostly between {lowest:.2f} and {highest:.2f} m"
     if unknown is not None:

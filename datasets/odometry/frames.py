@@ -24,6 +24,11 @@ def is_localised(frame: str) -> bool:
     return plain(frame).rsplit("/", 1)[-1].lower() in _LOCALISED_FRAMES
 
 
+def is_of_robot(frame: str) -> bool:
+    """Return whether a frame has a usual name of the robot's frame."""
+    return _last(plain(frame)) in _ROBOT_FRAMES
+
+
 @dataclass
 class Edge:
     """The surveyed transforms of one edge; `first` transforms coordinates from child to parent."""

@@ -214,7 +214,7 @@ def _take(survey: Survey, message: Message) -> None:
 def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, survey: Survey) -> SurveyedLaser:
     """Return the laser whose scans are read, and warn if the topic has scans of other lasers.
 
-    Points in a frame that stays where the drive began, as those of registered clouds, are refused.
+    Points in a frame relative to which the robot moves, as those of registered clouds, are refused.
     """
     lasers = list(survey.lasers.values())
     if not lasers:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from datasets.odometry.frames import KEPT_LAGS, FrameGraph, Frames, choose_frames, plain
+from datasets.odometry.frames import KEPT_LAGS, FrameGraph, Frames, choose_frames, is_of_robot, plain
 from datasets.odometry.se3 import SE3
 from datasets.options import RecordingOptions
 from datasets.scans.cleaning import FATES, RangeRules, clean_ranges
@@ -171,11 +171,15 @@ class Survey:
         return choose_frames(self.graph, self.laser.frame if self.laser is not None else "", self.options)
 
     def moves_in(self, frame: str) -> bool:
-        """Return whether a frame is the one in which odometry states the robot's motion, or above it in tf."""
+        """Return whether the robot moves relative to a frame, by the odometry in tf or else by that of the topic."""
         frames = self.frames()
-        odometry = "" if self.odometry_frame == plain(self.odometry_robot or "") else self.odometry_frame
-        paths = [self.graph.path(frame, below, True) for below in (frames.odom if frames else "", odometry) if below]
-        return any(path is not None and all(step.down for step in path) for path in paths)
+        if frames is not None:
+            moving = [step.edge.key for step in frames.to_robot if not step.edge.is_fixed]
+            return any(step.edge.key in moving for step in self.graph.path(frame, frames.robot, True) or [])
+        if self.odometry_frame in ("", plain(self.odometry_robot or "")) or is_of_robot(self.odometry_frame):
+            return False  # the topic states no frame, or a wrong one
+        path = self.graph.path(frame, self.odometry_frame, True)
+        return path is not None and all(step.down for step in path)
 
     def is_enough(self, bag_time: float) -> bool:
         """Return whether the survey needs no more of the recording."""

@@ -56,7 +56,7 @@ def _namespace(name: str) -> tuple[str, ...]:
 _MOST_NAMES = 3
 _SCAN_TYPES = (SCAN_TYPE, ECHOES_TYPE, CLOUD_TYPE)
 _LIDAR_PACKAGES = ("velodyne", "pandar", "hesai", "nebula", "ouster", "livox", "rslidar", "robosense", "lslidar")
-"""Begins of the packages whose messages only the driver of a lidar reads: its packets, or its own form of points."""
+"""Prefixes of the packages whose messages hold packets of a lidar, or points in a form of its own."""
 
 
 class ChosenTopics(NamedTuple):
@@ -108,19 +108,19 @@ def _scan_topic(files: BagFiles, options: RecordingOptions) -> tuple[str, str | 
         raise DatasetError(f"{_names(files)}: several {kind} topics hold scans: {listed}: choose one with --scan-topic")
     if scans:
         listed = ", ".join(topic.name for topic in scans)
-        raise DatasetError(f"{_names(files)}: {listed} holds no messages: give another recording")
-    raise DatasetError(f"{_names(files)}: no topic is a LaserScan or PointCloud2{_what_else(files)}")
+        others = _own_data(files) or ": give another recording"
+        raise DatasetError(f"{_names(files)}: {listed} holds no messages{others}")
+    listed = ", ".join(sorted(files.topics)) or "no topics at all"
+    others = _own_data(files) or f"; there are {listed}: choose another recording"
+    raise DatasetError(f"{_names(files)}: no topic is a LaserScan or PointCloud2{others}")
 
 
-def _what_else(files: BagFiles) -> str:
-    """Return what a recording without scans holds, and the remedy."""
-    topics = sorted(files.topics.values())
-    raw = [topic for topic in topics if topic.messages and topic.msgtype.startswith(_LIDAR_PACKAGES)]
-    if raw:
-        listed = ", ".join(f"{topic.name} ({topic.msgtype})" for topic in raw)
-        return f", but the lidar's driver reads {listed}: convert to PointCloud2 or LaserScan with this driver"
-    listed = ", ".join(topic.name for topic in topics) or "no topics at all"
-    return f"; there are {listed}: choose another recording"
+def _own_data(files: BagFiles) -> str:
+    """Return which topics hold data that a lidar's driver or a converter must decode first; empty if none does."""
+    topics = sorted(topic for topic in files.topics.values() if topic.messages)
+    raw = [f"{topic.name} ({topic.msgtype})" for topic in topics if topic.msgtype.startswith(_LIDAR_PACKAGES)]
+    remedy = "convert packets to PointCloud2 with the lidar's driver, CustomMsg with a converter"
+    return f"; {', '.join(raw)} holds a lidar's own data: {remedy}" if raw else ""
 
 
 def _transforms(files: BagFiles, options: RecordingOptions, scan: str) -> tuple[str, ...]:

@@ -40,7 +40,9 @@ class MountCheckConfig(FrozenConfig):
     )
     turning: float = Field(1.0, gt=0, description="least total rotation for a laser upside down [rad]")
     mirrored: float = Field(
-        10.0, gt=0, description="least log likelihood ratio of mirrored against equal rotations for a laser upside down"
+        10.0,
+        gt=0,
+        description="least log likelihood ratio, of mirrored against equal rotations, for a laser upside down",
     )
 
 
@@ -78,13 +80,14 @@ def mount_warning(
 def _is_upside_down(wheels: FloatArray, seen: FloatArray, config: MountCheckConfig) -> bool:
     """Return whether the rotations (M,) [rad] by odometry and by scans are opposite.
 
-    The likelihood of each hypothesis is that of its residuals, normal with an unknown deviation. It alone does not
-    suffice: unrelated rotations of a long drive are more alike with one sign by chance.
+    The likelihood of each hypothesis is that of its residuals, normal with an unknown deviation. The ratio grows with
+    the number of motions, so unrelated rotations of a long drive may reach it. Therefore they must also correlate.
     """
     if min(float(np.abs(wheels).sum()), float(np.abs(seen).sum())) < config.turning:
         return False
     lengths = math.sqrt(float(wheels @ wheels) * float(seen @ seen))
-    equal, mirrored = (max(float(error @ error), _EXACT) for error in (seen - wheels, seen + wheels))
+    errors = (wrap_angles(seen - wheels), wrap_angles(seen + wheels))
+    equal, mirrored = (max(float(error @ error), _EXACT) for error in errors)
     evidence = 0.5 * len(wheels) * math.log(equal / mirrored)
     return evidence >= config.mirrored and float(wheels @ seen) <= -config.opposed * lengths
 

@@ -25,8 +25,8 @@ _FASTEST = 4.0
 _CONFIRMED_SHARE = 0.5  # share of the speed that odometry must confirm
 
 
-class ImpossibleSpeed(NamedTuple):
-    """The fastest part of a drive that is faster than most robots: its begin [s] and its speed [m/s]."""
+class UnusualSpeed(NamedTuple):
+    """A speed that most robots do not reach: begin of the fastest part of a drive [s], and its speed [m/s]."""
 
     stamp: float
     speed: float
@@ -39,9 +39,9 @@ class ImpossibleSpeed(NamedTuple):
         )
 
 
-def impossible_speed(
+def unusual_speed(
     stamps: FloatArray, poses: FloatArray, keyframe_stamps: FloatArray, odometry: FloatArray
-) -> ImpossibleSpeed | None:
+) -> UnusualSpeed | None:
     """Return the fastest part of a drive if it is faster than most robots; None otherwise, or if odometry confirms it.
 
     `poses` (N, 3) are those of the robot in the map at times (N,) [s], which may step back, and `odometry` (K, 3) those
@@ -61,7 +61,7 @@ def impossible_speed(
     steps = np.hypot(*np.diff(odometry[inside, :2], axis=0).T)
     if len(inside) > 1 and np.nansum(steps) >= _CONFIRMED_SHARE * speed * _SPAN_S:
         return None
-    return ImpossibleSpeed(stamp, speed)
+    return UnusualSpeed(stamp, speed)
 
 
 def _speeds(times: FloatArray, poses: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -165,7 +165,7 @@ class DriveReview:
         """Return the warnings for a drive, by its keyframes at their final poses and as tracked."""
         odometry_poses = odometry(tracked)
         found = undetermined_motion(tracked).warnings()
-        fast = impossible_speed(trajectory.stamps, trajectory.poses, keyframes.stamps, odometry_poses)
+        fast = unusual_speed(trajectory.stamps, trajectory.poses, keyframes.stamps, odometry_poses)
         if fast is not None:
             found.append(EndWarning("speed", fast.warning(), fast.stamp, all_along=False))
         ratio = odometry_scale(tracked, odometry_poses, self._lengths.scale, self._lengths.lengths)

@@ -102,6 +102,7 @@ class BagScript:
         pose: SE2,
         *,
         topic: str = "/odom",
+        frame: str = "odom",
         child: str = "base_link",
         bag_time: float | None = None,
         speed: tuple[float, float] = (0.0, 0.0),
@@ -111,7 +112,7 @@ class BagScript:
         def build(types: Any) -> Any:
             vector = types["geometry_msgs/msg/Vector3"]
             return types["nav_msgs/msg/Odometry"](
-                header=_header(types, stamp, "odom"),
+                header=_header(types, stamp, frame),
                 child_frame_id=child,
                 pose=types["geometry_msgs/msg/PoseWithCovariance"](
                     types["geometry_msgs/msg/Pose"](

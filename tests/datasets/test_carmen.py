@@ -125,6 +125,18 @@ def test_poses_in_lines_of_scans_later_than_the_scans(tmp_path):
     assert recording.counts.extrapolated == 1
 
 
+def test_lines_of_scans_that_are_dropped_state_odometry_too(tmp_path):
+    def turned(k):  # the robot drives aside from the sixth line on
+        line = robot_laser(k).replace(" 0.5 0 ", f" {0.5 + max(k - 5, 0)} 0 ")
+        return line.replace(" 0.2 0.1 ", " 0.2 0 ") if 3 <= k < 8 else line  # an angle of 0 between the beams
+
+    text = "".join(turned(k) for k in range(12))
+    readings, recording = read(tmp_path / "run.log", text, clock_offset=-0.05, sensor_pose=SE2(0.1, 0.0, 0.0))
+    assert recording.counts.dropped == {"before_odometry": 1, "unreadable": 5}
+    assert readings[2].T_odom_robot.y == pytest.approx(3.25)
+    assert readings[2].T_robot_sensor == SE2(0.1, 0.0, 0.0)
+
+
 @pytest.mark.parametrize(("options", "x"), [({}, 0.3), ({"clock_offset": 0.0}, 0.3), ({"odometry": "none"}, None)])
 def test_poses_in_lines_of_scans_stay_without_an_offset(tmp_path, options, x):
     readings, recording = read(tmp_path / "run.log", "".join(robot_laser(k) for k in range(10)), **options)

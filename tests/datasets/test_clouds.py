@@ -300,12 +300,20 @@ def test_a_slice_without_walls_is_refused_with_the_heights_that_there_are():
         chosen([room_cloud()._replace(points=np.zeros((0, 3)))])
 
 
-def test_points_at_the_right_heights_in_few_directions_are_refused():
-    far = room_cloud()._replace(
-        points=np.column_stack((np.full(50, 11.0), np.linspace(0.0, 2.0, 50), np.full(50, 0.2)))
-    )
-    with pytest.raises(DatasetError, match=r"/points lie in few directions .* with --scan-topic"):
-        chosen([far])
+@pytest.mark.parametrize(
+    ("turn", "top", "said"),
+    [
+        (0.1, 0.2, "/points lie at the right heights, but in 6 of 360 degrees"),
+        (0.1, 3.0, "/points hold hardly any point .* lie mostly between"),
+        (6.0, 0.2, "/points hold hardly any point .* lie mostly between"),
+    ],
+    ids=["few directions", "also other heights", "all directions, but too far"],
+)
+def test_why_a_slice_is_empty(turn, top, said):
+    angles, heights = np.linspace(0.0, turn, 400), np.linspace(0.1, top, 400)
+    points = 1e4 * np.column_stack((np.cos(angles), np.sin(angles), 1e-4 * heights))
+    with pytest.raises(DatasetError, match=said):
+        chosen([room_cloud()._replace(points=points)])
 
 
 def test_a_slice_without_walls_of_a_sensor_at_an_unknown_place():

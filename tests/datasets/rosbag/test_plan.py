@@ -140,6 +140,30 @@ def test_points_in_the_frame_of_the_drive_are_refused(script, tmp_path, by_tf, f
     assert len(read(path, sensor_pose=SE2.identity())[0]) > 50
 
 
+@pytest.mark.parametrize(
+    ("edge", "header", "child", "frame"),
+    [
+        (("base_link", "odom"), None, "", "base_link"),
+        (None, "base_link", "odom", "base_link"),
+        (None, "base_link", "", "base_link"),
+        (None, "/robot", "robot", "robot"),
+        (("odom", "base_link"), "base_link", "odom", "base_link"),
+    ],
+    ids=["tf upside down", "topic upside down", "no child", "both the robot", "beside good tf"],
+)
+def test_frames_of_odometry_that_are_stated_wrongly_do_no_harm(script, tmp_path, edge, header, child, frame):
+    for k in range(60):
+        now, pose = 100.0 + 0.1 * k, SE2(0.1 * k, 0.0, 0.0)
+        if edge is not None:
+            script.tf(now, *edge, pose if edge[0] == "odom" else pose.inverse())
+        if header is not None:
+            script.odometry(now, pose, frame=header, child=child)
+        script.scan(now + 0.05, frame=frame)
+    readings, recording = read(script.in_time_order().write(tmp_path / "run.bag"))
+    assert recording.description["odometry"] == ("tf" if edge else "topic")
+    assert readings[-1].T_odom_robot == pytest.approx(SE2(5.9, 0.0, 0.0), abs=0.1)
+
+
 def test_scans_without_beams_are_refused_in_one_line(script, tmp_path):
     for k in range(90):
         script.scan(100.0 + 0.05 * k, [])

@@ -92,8 +92,9 @@ LIDAR_TYPES = [
 ]
 
 
+@pytest.mark.parametrize("has_empty_topic", [False, True])
 @pytest.mark.parametrize("msgtype", LIDAR_TYPES)
-def test_data_that_only_the_driver_of_a_lidar_reads(msgtype, tmp_path):
+def test_data_that_only_the_driver_of_a_lidar_reads(msgtype, has_empty_topic, tmp_path):
     from rosbags import rosbag1
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -102,11 +103,14 @@ def test_data_that_only_the_driver_of_a_lidar_reads(msgtype, tmp_path):
     with rosbag1.Writer(tmp_path / "run.bag") as writer:
         word = writer.add_connection("/word", "std_msgs/msg/String", typestore=store)
         writer.add_connection("/silent", msgtype, typestore=store)
+        if has_empty_topic:
+            writer.add_connection("/points", "sensor_msgs/msg/PointCloud2", typestore=store)
         writer.write(word, 10**9, b"\1\0\0\0a")
         packets = writer.add_connection("/packets", msgtype, typestore=store)
         writer.write(packets, 10**9, b"\1\0\0\0a")
-    fact = rf"no topic is a LaserScan or PointCloud2, but the lidar's driver reads /packets \({msgtype}\)"
-    with pytest.raises(DatasetError, match=f"{fact}: convert to PointCloud2 or LaserScan with this driver"):
+    data = rf"; /packets \({msgtype}\) holds a lidar's own data: convert packets to PointCloud2 with the lidar's driver"
+    fact = "/points holds no messages" if has_empty_topic else "no topic is a LaserScan or PointCloud2"
+    with pytest.raises(DatasetError, match=fact + data):
         choose(tmp_path / "run.bag")
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tbmslam.calibration.hand_eye import motions_of, sensor_place
+from tbmslam.calibration.hand_eye import Motions, motions_of, sensor_place
 from tbmslam.calibration.mount_check import MountCheckConfig, mount_warning
 from tbmslam.geometry.se2 import SE2, compose, inverse
 from tbmslam.map.keyframes import Keyframes
@@ -110,3 +110,35 @@ def test_turns_that_tell_nothing_of_upside_down(generator):
     unlike = doubt(TRUE, generator, np.cumsum(generator.normal(0.0, 0.1, (STEPS, 3)), axis=0))
     absent = doubt(TRUE, generator, np.full((STEPS, 3), math.nan))
     assert straight is unlike is absent is None
+
+
+@pytest.mark.parametrize(
+    ("count", "size", "noise", "is_told"),
+    [
+        (20, 0.2, 0.02, True),
+        (20, 0.04, 0.004, False),  # a total rotation of 0.8 rad
+        (3, 0.5, 0.15, False),  # evidence of 7
+        (2000, 0.2, 0.4, False),  # evidence of 500, but hardly correlated
+    ],
+)
+def test_what_mirrored_rotations_need(count, size, noise, is_told):
+    wheels = size * np.resize([1.0, -1.0], count)
+    seen = noise * np.resize([1.0, 1.0, -1.0, -1.0], count) - wheels
+    assert is_upside_down(wheels, seen) is is_told
+
+
+def test_a_turn_on_the_spot_by_half_a_turn_is_not_mirrored():
+    wheels, seen = np.full(6, 0.1), np.full(6, 0.1)
+    wheels[0], seen[0] = math.pi - 0.01, 0.01 - math.pi
+    assert not is_upside_down(wheels, seen)
+
+
+def is_upside_down(wheels, seen):
+    """Return whether rotations of a drive [rad] cause the warning."""
+    count, scan = len(wheels), LaserScan(0.0, -1.0, 0.1, 0.1, 30.0, np.ones(20))
+    keyframes = Keyframes.from_scans([scan], [TRUE], [TRUE])
+    turns = np.column_stack((wheels, seen))
+    motions = Motions(np.zeros((2, count), int), np.zeros((count, 2, 5)), np.zeros((count, 2)), turns)
+    said = mount_warning(keyframes, motions, None, CONFIG)
+    assert said is None or said.startswith("the scans turn left where the odometry turns right")
+    return said is not None
