@@ -56,8 +56,7 @@ def open_carmen(paths: list[Path], options: RecordingOptions) -> Recording:
         options = replace(options, odometry="none")
     samples = _sampled(survey.samples[kind], settings)
     rules = _range_rules(samples, options, settings)
-    mounts = [logged.T_robot_sensor for logged in samples] or [SE2(settings.laser_offset, 0.0, 0.0)]
-    mount = options.sensor_pose or SE2(*np.median(mounts, axis=0).tolist())
+    mount = options.sensor_pose or _median_mount(samples, settings)
     recording = Recording(
         paths[0].name.split(".")[0],
         lambda counts: _readings(paths, kind, settings, rules, options, mount, counts),
@@ -159,6 +158,14 @@ def _range_rules(samples: list[LoggedScan], options: RecordingOptions, settings:
     return RangeRules.of(options).with_code_of(ranges, options.range_max or settings.range_max)
 
 
+def _median_mount(samples: list[LoggedScan], settings: LogSettings) -> SE2:
+    """Return the median T_robot_sensor of some lines, or the one of the settings without a line."""
+    if not samples:
+        return SE2(settings.laser_offset, 0.0, 0.0)
+    first = samples[0].T_robot_sensor  # angles of a laser that looks backwards lie on both sides of pi
+    return first @ SE2(*np.median([first.to(logged.T_robot_sensor) for logged in samples], axis=0).tolist())
+
+
 def _readings(
     paths: list[Path],
     kind: str,
@@ -173,6 +180,7 @@ def _readings(
     If odometry is looked up by time, each line of a scan also adds its pose to the odometry.
     """
     step = math.radians(options.angle_step_deg) if options.angle_step_deg is not None else None
+    looks_up = _looks_up(kind, options)
     intake = ScanIntake(rules, step, options.gap_s, counts)
     motion = TopicMotion(Mounting([], mount, options.upside_down))
     pairing = Pairing(motion, counts, options.clock_offset or 0.0, options.odometry_scale, options.max_odometry_gap_s)
@@ -189,7 +197,7 @@ def _readings(
                 raw = logged.raw
                 if settings.times == "none":
                     raw = raw._replace(stamp=float(counts.scans_read))
-                scan, looks_up = intake.take(raw, next(cleaned)), _looks_up(kind, options)
+                scan = intake.take(raw, next(cleaned))
                 if looks_up and logged.T_odom_robot is not None:
                     motion.add(raw.stamp, SE3.from_planar(logged.T_odom_robot))
                 if scan is None:

@@ -21,7 +21,7 @@ def plain(frame: str) -> str:
 
 def is_localised(frame: str) -> bool:
     """Return whether a frame belongs to a map rather than to the odometry."""
-    return plain(frame).rsplit("/", 1)[-1].lower() in _LOCALISED_FRAMES
+    return _last(plain(frame)).lower() in _LOCALISED_FRAMES
 
 
 def is_of_robot(frame: str) -> bool:

@@ -125,6 +125,14 @@ def test_poses_in_lines_of_scans_later_than_the_scans(tmp_path):
     assert recording.counts.extrapolated == 1
 
 
+def test_a_laser_that_looks_backwards_has_one_mount_at_another_time(tmp_path):
+    """Rounded angles lie on both sides of pi."""
+    lines = [robot_laser(k).replace(" 0.5 0 ", f" 0.5 {(-1) ** (k // 10) * 3.14159} ", 1) for k in range(40)]
+    readings, recording = read(tmp_path / "run.log", "".join(lines), clock_offset=-0.05)
+    assert abs(readings[5].T_robot_sensor.theta) == pytest.approx(math.pi, abs=1e-4)
+    assert abs(recording.description["T_robot_sensor"][2]) == pytest.approx(math.pi, abs=1e-4)
+
+
 def test_lines_of_scans_that_are_dropped_state_odometry_too(tmp_path):
     def turned(k):  # the robot drives aside from the sixth line on
         line = robot_laser(k).replace(" 0.5 0 ", f" {0.5 + max(k - 5, 0)} 0 ")
