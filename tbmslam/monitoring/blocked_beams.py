@@ -104,8 +104,7 @@ class BlockedBeamsConfig(FrozenConfig):
 class BlockedBeams:
     """Detects blocked beams while the robot moves.
 
-    `blocked` (B,) is the mask of the beams that are blocked now, and `any_blocked` whether any are. `since` (B,) are
-    their stamps since when they are blocked [s].
+    `blocked` (B,) is the mask of the beams that are blocked now, and `any_blocked` whether any are.
     """
 
     def __init__(self, config: BlockedBeamsConfig) -> None:
@@ -122,10 +121,15 @@ class BlockedBeams:
         self.any_blocked = False
         self._hidden = self.blocked  # with those suspected to be blocked
         self._hides = False
-        self._state: FloatArray = np.zeros((5, beams))  # see `follow_beams`
+        self._state: FloatArray = np.zeros((6, beams))  # see `follow_beams`
         self._state[0] = np.nan
-        self.since: FloatArray = np.zeros(beams)
         self._distance = self._turn = 0.0
+
+    @property
+    def since(self) -> FloatArray:
+        """Stamps (B,) since when the blocked beams are blocked [s]."""
+        since: FloatArray = self._state[5]
+        return since
 
     def learn(self, scan: LaserScan, index: int, T_map_robot: SE2, T_odom_robot: SE2 | None = None) -> bool:
         """Learn from the scan of a reading, and return whether further beams are blocked."""
@@ -174,11 +178,10 @@ class BlockedBeams:
         if self.any_blocked:
             ends = np.isfinite(ranges) & ~(np.abs(ranges - self._state[0]) <= config.spread)
             self._spans.end(ends & self.blocked, self._state[1], index)
-        here = float(index), self._distance, self._turn, distance
+        here = float(index), self._distance, self._turn, distance, scan.stamp
         blocked, suspected, any_blocked, any_suspected = follow_beams(
             self._state, ranges, here, self._limits, config.fewest
         )
-        self.since[self._state[1] == index] = scan.stamp
         more = any_blocked and bool((blocked & ~self.blocked).any())
         self._hides = any_blocked or any_suspected
         self._hidden = blocked | suspected if self._hides else blocked

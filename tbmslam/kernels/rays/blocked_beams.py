@@ -17,20 +17,21 @@ def follow_beams(
     Parameters
     ----------
     state
-        (5, B): the first range of those that a beam has returned since without a change [m], the index of the reading
-        and the distance travelled [m] at that range, and the largest and the smallest heading with a return since then
-        [rad]. The distance also grows by the steps without a return.
+        (6, B): the first range of those that a beam has returned since without a change [m], the index of the reading
+        and the distance travelled [m] at that range, the largest and the smallest heading with a return since then
+        [rad], and the stamp of that range [s]. The distance also grows by the steps without a return.
     ranges
         The present ranges (B,) [m].
     here
-        The present reading's index, distance travelled [m] and heading [rad], and the distance since the last scan [m].
+        The present reading's index, distance travelled [m] and heading [rad], the distance since the last scan [m], and
+        the stamp [s].
     limits
         Largest difference between constant ranges; largest range; distance and rotation after which a constant beam is
         blocked; largest range, distance and rotation for very near beams [m, rad].
     fewest
         Least number of neighbouring beams that are blocked, or suspected, together.
     """
-    index, path_length, turn, step = here
+    index, path_length, turn, step, stamp = here
     spread, near, travelled, turned, very_near, soon, soon_turned = limits
     blocked, suspected = cleared(np.empty(len(ranges), dtype=np.bool_)), cleared(np.empty(len(ranges), dtype=np.bool_))
     for i in range(len(ranges)):
@@ -41,6 +42,7 @@ def follow_beams(
             if not abs(ranges[i] - state[0, i]) <= spread:  # a changed range is not a part of the robot
                 state[0, i], state[1, i], state[2, i] = ranges[i], index, path_length
                 state[3, i] = state[4, i] = turn
+                state[5, i] = stamp
             state[3, i], state[4, i] = max(state[3, i], turn), min(state[4, i], turn)
         if state[0, i] < near:
             length, angle = path_length - state[2, i], state[3, i] - state[4, i]

@@ -7,10 +7,10 @@ LIMITS = (0.02, 1.0, 2.0, 1.0, 0.35, 0.7, 0.35)
 
 def followed(rows, way=1.0, turn=0.5):
     """Return what is found after rows of ranges, each a way and a turn after the one before."""
-    state = np.zeros((5, len(rows[0])))
+    state = np.zeros((6, len(rows[0])))
     state[0] = np.nan
     for k, ranges in enumerate(rows):
-        found = follow_beams(state, np.array(ranges), (float(k), way * k, turn * k, way), LIMITS, 3)
+        found = follow_beams(state, np.array(ranges), (float(k), way * k, turn * k, way, 100.0 + k), LIMITS, 3)
         assert found[2:] == (found[0].any(), found[1].any())
     return state, *found[:2]
 
@@ -20,8 +20,8 @@ def test_constant_near_beams_are_blocked_and_others_are_not():
     state, blocked, suspected = followed(rows)
     assert np.flatnonzero(blocked).tolist() == [0, 1, 2, 4, 5, 6]
     assert np.flatnonzero(suspected).tolist() == [0, 1, 2]
-    assert state[1, 7] == 3.0
-    assert state[1, 0] == 0.0
+    assert (state[1, 7], state[5, 7]) == (3.0, 103.0)
+    assert (state[1, 0], state[5, 0]) == (0.0, 100.0)
 
 
 def test_few_neighbours_are_not_blocked():
