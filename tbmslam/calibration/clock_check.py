@@ -11,6 +11,11 @@ _SURE_TURNS = 3.0
 """The same for the lag by rotations. Its deviation is 0.035 s in a drive of a Neato of 54 s, where it is right."""
 
 
+def is_late(place: SensorPlace) -> bool:
+    """Return whether the odometry surely is older or newer than the scans, by the calibration of the laser's pose."""
+    return abs(place.lag) >= _LAG and _SURE * place.lag_deviation <= _LAG
+
+
 def clock_warning(place: SensorPlace, turned: Lag | None, offset: float) -> str | None:
     """Return a warning if the odometry is older or newer than the scans, else None.
 
@@ -21,7 +26,7 @@ def clock_warning(place: SensorPlace, turned: Lag | None, offset: float) -> str 
     lag = place.lag
     if turned is not None and _SURE_TURNS * turned.deviation <= _LAG and turned.seconds * place.lag > 0.0:
         lag = turned.seconds
-    if min(abs(place.lag), abs(lag)) < _LAG or _SURE * place.lag_deviation > _LAG:
+    if not is_late(place) or abs(lag) < _LAG:
         return None
     return (
         f"the odometry is {abs(lag):.2f} s {'older' if lag > 0.0 else 'newer'} than the scans: "

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tbmslam.calibration.clock_check import clock_warning
+from tbmslam.calibration.clock_check import clock_warning, is_late
 from tbmslam.calibration.hand_eye import motions_of, sensor_place, turn_lag
 from tbmslam.calibration.mount_check import MountChange, MountCheckConfig, mount_changes, mount_warning
 from tbmslam.geometry.se2 import FloatArray, path_lengths
@@ -194,7 +194,7 @@ class DriveReview:
         text = mount_warning(keyframes, motions, place, self._mount)
         found = [EndWarning("mount", text)] if text else []
         # A wrong mount explains part of the lag.
-        if place is not None and not found:
+        if place is not None and is_late(place) and not found:
             turned = turn_lag(keyframes.stamps, odometry_poses, sensors, self._mount.parts)
             if late := clock_warning(place, turned, self._corrections.clock_offset):
                 found.append(EndWarning("clock", late))
