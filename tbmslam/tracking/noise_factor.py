@@ -36,9 +36,10 @@ class NoiseFactor:
         own = moved / self.value
         # The part of the correction that the keyframe's own pose explains says nothing about the motion.
         explained = share * (deviation * deviation - moved * moved)
-        counts = min((moved / deviation) ** 2 / _OWN, 1.0) ** 2
-        squares = self._kept * self._squares + counts * (weight * error * error - explained) / (own * own)
-        determined = self._kept * self._determined + counts * share
-        self._squares, self._determined = squares, determined
-        if determined > _FORGOTTEN:  # both sums fade where nothing is learnt
-            self.value = math.sqrt(min(max(squares / determined, _LEAST**2), _MOST**2))
+        of_motion = moved / deviation
+        counts = min(of_motion * of_motion / _OWN, 1.0)
+        counts *= counts
+        self._squares = self._kept * self._squares + counts * (weight * error * error - explained) / (own * own)
+        self._determined = self._kept * self._determined + counts * share
+        if self._determined > _FORGOTTEN:  # both sums fade where nothing is learnt
+            self.value = min(max(math.sqrt(max(self._squares / self._determined, 0.0)), _LEAST), _MOST)
