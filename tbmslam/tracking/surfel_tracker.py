@@ -2,25 +2,25 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from tbmslam.belief.evidence_grid import EvidenceGrid
 from tbmslam.frozen_config import FrozenConfig
-from tbmslam.geometry.se2 import SE2, FloatArray, wrap_angle
-from tbmslam.kernels.surfels.determined import prior_information
+from tbmslam.geometry.se2 import SE2, FloatArray
 from tbmslam.kernels.surfels.outline import Outline, outline_of
 from tbmslam.kernels.surfels.surfel_alignment import Search
 from tbmslam.sensing.laser_scan import Hits, LaserScan
 from tbmslam.tracking.fit_by_chance import misfit_cost
-from tbmslam.tracking.odometry_fault import RESTART_COST, OdometryFault, faulty_cost
-from tbmslam.tracking.odometry_noise import Deviations
+from tbmslam.tracking.local_surfels import LocalSurfels
+from tbmslam.tracking.odometry_fault import OdometryFault
+from tbmslam.tracking.odometry_hypotheses import OdometryHypotheses, PoseBelief, may_be_faulty
 from tbmslam.tracking.scan_to_scan import RecentScans, ScanMotion
-from tbmslam.tracking.student_t import FREEDOM, student_cost, student_weight
-from tbmslam.tracking.surfel_map import Registration, SurfelConfig, SurfelMap
-from tbmslam.tracking.tracker import Coasting, PosePrior, ScanMatch
+from tbmslam.tracking.student_t import FREEDOM, student_weight
+from tbmslam.tracking.surfel_map import Registration, SurfelConfig
+from tbmslam.tracking.tracker import PosePrior, ScanMatch
 
 _THING = 0.5
 """Hits within this length of surface count as one object, such as a person [m]. With 0.1 m, the scale at which hit
@@ -34,15 +34,9 @@ standard deviations."""
 _SURPRISING = 72.8
 """Squared Mahalanobis distance from the prior beyond which other hypotheses are tried: Student's t distribution of
 three dimensions exceeds it in 0.5 %. With the 12.8 of a normal distribution, mapping mit-csail takes a tenth longer."""
-_SWERVE = 0.1
-"""A step of the odometry that differs more from the robot's last motion may be a fault: registration converges from no
-farther away [m]. Inertia counts only then, since the last poses may be wrong if people walk beside the robot. With
-0.05 the error in a simulated hospital with a crowd is 0.2 m instead of 0.02 m."""
 _CERTAIN = 2.0
 """The certain share of a scan is its estimate minus this number of standard deviations. Lasers with few hits need a
 denser map: with 0 the drive with a range of 1 m (`weak-lasers`) errs by 0.15 m instead of 0.03 m."""
-_SAME_START = 0.05
-"""Starts that are nearer to each other need one search, which covers half a metre around [m], [rad]."""
 _WORTHWHILE = 1.0
 """Smallest gain in log-likelihood for which a search replaces a pose."""
 
@@ -84,54 +78,13 @@ class SurfelTrackerConfig(FrozenConfig):
     )
 
 
-class _PoseBelief(NamedTuple):
-    """A belief about the laser's pose in the map's frame, of Student's t distribution."""
-
-    mean: SE2
-    information: FloatArray
-    """Inverse scale (3, 3)."""
-
-    @classmethod
-    def of(cls, T_map_robot: SE2, deviations: Deviations, T_robot_sensor: SE2) -> "_PoseBelief":
-        """Return the belief about the laser's pose by the robot's pose and its deviations (along, across, heading)."""
-        mount = (*T_robot_sensor,)
-        return cls(T_map_robot @ T_robot_sensor, prior_information(deviations, T_map_robot.theta, mount))
-
-    def squared_distance(self, pose: SE2) -> float:
-        """Return the squared Mahalanobis distance of a pose from the mean."""
-        (x, y, theta), mean = pose, self.mean
-        error = np.array([x - mean.x, y - mean.y, wrap_angle(theta - mean.theta)])
-        return float(error @ self.information @ error)
-
-    def is_near(self, other: "_PoseBelief") -> bool:
-        """Return whether a search about one mean includes the other."""
-        apart = self.mean.to(other.mean)
-        return math.hypot(apart.x, apart.y) < _SAME_START and abs(apart.theta) < _SAME_START
-
-
-class _Returned(NamedTuple):
-    """The laser's pose by odometry that is again as before a fault."""
-
-    belief: _PoseBelief
-    dearer: float
-    """Cost of the mean, less that of the mean of right odometry."""
-
-    def cost(self, pose: SE2) -> float:
-        """Return the negative log-likelihood of a pose, less that of the mean of right odometry."""
-        return self.dearer + student_cost(self.belief.squared_distance(pose))
-
-
 class SurfelTracker:
     """Registers scans on a surfel map."""
 
     def __init__(self, config: SurfelTrackerConfig) -> None:
         self._config = config
         self.grid: EvidenceGrid | None = None
-        # When it reaches back far enough, a map of its recent part replaces it.
-        self._map = SurfelMap(config.surfels)
-        self._recent: list[tuple[Hits, SE2]] = []
-        self._travelled = 0.0
-        self._last: SE2 | None = None
+        self._local = LocalSurfels(config.surfels, config.window)
         # The last scan, its hits in an array with room for more, and how many they are.
         self._seen: tuple[LaserScan, FloatArray, int] | None = None
         self._keyframe: tuple[LaserScan, SE2] | None = None
@@ -161,8 +114,8 @@ class SurfelTracker:
         if prior.deviations[0] == 0.0:  # the first scan defines the frame
             self._seen = None
             return ScanMatch(prior.mean @ T_robot_sensor, 0.0, moved=False)
-        hits = np.empty((2, len(scan.ranges), 2))
-        result, count = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
+        surfels, hits = self._local.map, np.empty((2, len(scan.ranges), 2))
+        result, count = surfels.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
         self._seen = scan, hits, count
         if not prior.by_odometry:
             self._fault.forget()
@@ -171,73 +124,56 @@ class SurfelTracker:
             between = self._scans_before.place(scan.stamp, self._hits_of(scan).points, guess)
             if between is not None:
                 prior = _by_scans(prior, between, T_robot_sensor)
-                result, _ = self._map.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
-        is_surprising = result.surprise > _SURPRISING or self._may_be_faulty(prior)
-        faulty, returned = math.inf, None  # Odometry that neither surprises nor is suspected is right.
+                result, _ = surfels.place(scan, config.max_range, prior, T_robot_sensor, self._search, hits)
+        costs = result.surprise, math.inf, math.inf  # Odometry that neither surprises nor is suspected is right.
+        is_surprising = result.surprise > _SURPRISING or may_be_faulty(prior, self._fault)
         if is_surprising or result.matched < config.doubtful:
-            coasting = prior.coasting()
-            if coasting is not None:
-                faulty = faulty_cost(prior.deviations, coasting.deviations)
-            returned = self._returned(prior, T_robot_sensor)
-            result = self._elsewhere(self._hits_of(scan), prior, coasting, faulty, returned, T_robot_sensor, result)
+            hypotheses = OdometryHypotheses.of(prior, T_robot_sensor, self._fault)
+            result = self._likeliest(self._hits_of(scan), hypotheses, result, by_odometry=prior.by_odometry)
+            costs = hypotheses.costs(result.pose, result.surprise)
         is_lost = _is_lost(result) and (between is None or not between.is_likely)
         # Within a loose prior, such as after a gap in the scans, some hits fit by chance.
         is_by_chance = prior.by_odometry and prior.is_loose() and _least_share(result) < _FEW
         if result.matched < config.min_matched or is_by_chance:
             return _unmatched(result, prior, between, T_robot_sensor, is_lost or is_by_chance)
         if prior.by_odometry:
-            costs = result.surprise, faulty, math.inf if returned is None else returned.cost(result.pose)
             self._surprise = costs, (prior, T_robot_sensor, result.pose)
         trust = _LOST_TRUST if is_lost else student_weight(result.surprise, 3)
         return ScanMatch(result.pose, _least_share(result), True, result.hessian, trust, is_lost)
 
-    def _elsewhere(
-        self,
-        hits: Hits,
-        prior: PosePrior,
-        coasting: Coasting | None,
-        faulty: float,
-        returned: _Returned | None,
-        T_robot_sensor: SE2,
-        result: Registration,
+    def _likeliest(
+        self, hits: Hits, hypotheses: OdometryHypotheses, result: Registration, *, by_odometry: bool
     ) -> Registration:
-        """Return the hypothesis with the largest posterior: the given registration, or one from another start."""
+        """Return the registration with the largest posterior: the given one, or one from another start."""
         if not len(hits.points):
             return result
-        predicted = _PoseBelief.of(prior.mean, prior.deviations, T_robot_sensor)
-        inertia = None if coasting is None else _PoseBelief.of(*coasting, T_robot_sensor)
-        may_be_faulty = self._may_be_faulty(prior)
+        right, inertia, returned, *_ = hypotheses
 
         def cost(registration: Registration) -> float:
             """Return the negative logarithm of the posterior, up to a constant."""
-            pose, surprise = registration.pose, registration.surprise
-            tolerance, outline = self._config.tolerances[-1], self._outline_of_keyframe()
-            cost = misfit_cost(*self._map.known_hits(hits, pose, _THING, tolerance, outline))
-            if not may_be_faulty or (inertia is None and returned is None):
-                return cost + student_cost(surprise)
-            cost += self._fault.cost(surprise, faulty, math.inf if returned is None else returned.cost(pose))
-            return cost if inertia is None else cost + student_cost(inertia.squared_distance(pose))
+            pose, tolerance = registration.pose, self._config.tolerances[-1]
+            known, strays = self._local.map.known_hits(hits, pose, _THING, tolerance, self._outline_of_keyframe())
+            return misfit_cost(known, strays) + hypotheses.cost(pose, registration.surprise, self._fault)
 
-        def registered(belief: _PoseBelief, start: SE2, search: Search, known: Registration) -> list[Registration]:
+        def registered(belief: PoseBelief, start: SE2, search: Search, known: Registration) -> list[Registration]:
             """Return the registration with a prior; none where it ends at a known one."""
-            found = self._map.register(hits, start, *belief, search, known.pose)
+            found = self._local.map.register(hits, start, *belief, search, known.pose)
             if found.matched < 0.0:
                 return []
-            return [found if belief is predicted else found._replace(surprise=predicted.squared_distance(found.pose))]
+            return [found if belief is right else found._replace(surprise=right.squared_distance(found.pose))]
 
         # If people walk along or a slip begins, the scan fits twice: to objects that move with the robot, and to walls.
-        others = registered(predicted, predicted.mean, self._narrow, result) if prior.by_odometry else []
-        other = inertia or predicted
-        others += registered(other, other.mean, self._search, result)
-        if returned is not None:
-            others += registered(returned.belief, returned.belief.mean, self._search, result)
+        others = registered(right, right.mean, self._narrow, result) if by_odometry else []
+        for belief in (inertia or right, returned):
+            if belief is not None:
+                others += registered(belief, belief.mean, self._search, result)
         least, best = _cheapest([result, *others], cost) if others else (None, result)
         if best.matched >= self._config.doubtful:
             self._rest = 0
             return best
         self._rest -= 1
         if self._rest < 0 or best.matched < self._in_vain - 0.05:
-            beliefs = [predicted] if inertia is None or predicted.is_near(inertia) else [predicted, inertia]
+            beliefs = [right] if inertia is None or right.is_near(inertia) else [right, inertia]
             found = [
                 registration
                 for belief in beliefs
@@ -250,17 +186,6 @@ class SurfelTracker:
                     self._rest, self._in_vain, best = 0, 1.0, cheapest
         return best
 
-    def _returned(self, prior: PosePrior, T_robot_sensor: SE2) -> _Returned | None:
-        """Return the pose if the odometry began anew, or is again as before a fault; None if neither is suspected."""
-        if prior.stood is not None:
-            (pose, deviations), cost = prior.stood, RESTART_COST
-        elif prior.by_odometry and (found := self._fault.returned(prior.mean, prior.deviations)) is not None:
-            (pose, deviations), cost = found, 0.0
-        else:
-            return None
-        dearer = cost + math.log(math.prod(deviations) / math.prod(prior.deviations))
-        return _Returned(_PoseBelief.of(pose, deviations, T_robot_sensor), dearer)
-
     def _outline_of_keyframe(self) -> Outline:
         """Return the outline of the last keyframe."""
         if self._keyframe is None:
@@ -270,10 +195,6 @@ class SurfelTracker:
             view = scan.angle_min, scan.angle_increment + scan.beam_step.theta, (*pose,)
             self._outline = outline_of(scan.ranges, *view), *view
         return self._outline
-
-    def _may_be_faulty(self, prior: PosePrior) -> bool:
-        """Return whether the odometry suddenly leaves the robot's last motion, or was faulty a short time ago."""
-        return prior.swerve > _SWERVE or prior.stood is not None or self._fault.is_suspected
 
     def _hits_of(self, scan: LaserScan) -> Hits:
         """Return a scan's hits. Those of the last scan are remembered, since a scan is registered and then inserted."""
@@ -287,7 +208,7 @@ class SurfelTracker:
         config = self._config
         few = hits.thinned(config.search_points)
         turns, tolerance = self._search_turns, config.tolerances[0]
-        return self._map.search(few, guess, self._reach, turns, tolerance, (0.2, 0.05))
+        return self._local.map.search(few, guess, self._reach, turns, tolerance, (0.2, 0.05))
 
     def is_novel(self, match: ScanMatch) -> bool:
         """Return whether a large share of the scan may be unknown so far."""
@@ -296,23 +217,11 @@ class SurfelTracker:
     def learn(self, scan: LaserScan, match: ScanMatch) -> None:
         """Add the hits of the scan to the surfels, and drop old surfels."""
         pose = match.T_map_sensor
-        if self._last is not None:
-            self._travelled += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
-        self._last = pose
-        if self._travelled > self._config.window:
-            # The new map will be as large as the old map.
-            self._map = SurfelMap(self._config.surfels, slots=self._map.slots)
-            for recent in self._recent:
-                self._map.insert(*recent)
-            self._recent.clear()
-            self._travelled = 0.0
         if self._surprise is not None:
             costs, (prior, T_robot_sensor, by_scan) = self._surprise
             self._fault.observe(*costs)
             self._fault.remember(prior.mean @ T_robot_sensor, by_scan, prior.deviations)
-        hits = self._hits_of(scan)
-        self._map.insert(hits, pose)
-        self._recent.append((hits, pose))
+        self._local.insert(self._hits_of(scan), pose)
         self._keyframe, self._outline = (scan, pose), None
 
 

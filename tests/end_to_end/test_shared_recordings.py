@@ -20,7 +20,7 @@ from tbmslam.io.map_folder import load_map
 from tbmslam.io.trajectory_file import read_tum
 from tbmslam.loop_closure.odometry_headings import OdometryHeadings
 from tbmslam.slam import Slam
-from tbmslam.tracking import constant_velocity, surfel_tracker
+from tbmslam.tracking import constant_velocity, odometry_hypotheses, surfel_tracker
 from tbmslam.tracking.surfel_tracker import SurfelTrackerConfig
 from tests.end_to_end.programs import build, merge_maps
 from tools import merge
@@ -208,7 +208,7 @@ def test_scans_far_apart_need_the_cost_of_faulty_odometry(shared_data, monkeypat
     """
     readings = list(open_recording([shared_data / "mit-csail/mit-csail.bag"], RecordingOptions()))
     if not is_estimated:
-        monkeypatch.setattr(surfel_tracker, "faulty_cost", lambda *_: 0.0)
+        monkeypatch.setattr(odometry_hypotheses, "faulty_cost", lambda *_: 0.0)
     assert least < np.mean([error_of_few(readings, begin, 1.0) for begin in (6.0, 12.0, 42.0, 72.0)]) < most
 
 

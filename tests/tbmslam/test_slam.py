@@ -17,7 +17,7 @@ from tbmslam.loop_closure import loose_steps
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 from tbmslam.sensing.segmentation import in_frame
 from tbmslam.slam import Slam
-from tbmslam.tracking import odometry_fault, odometry_lag, surfel_tracker
+from tbmslam.tracking import odometry_fault, odometry_hypotheses, odometry_lag
 from tbmslam.tracking.constant_velocity import ConstantVelocity
 
 
@@ -388,7 +388,7 @@ def test_reversed_odometry_along_a_corridor_needs_the_fault_model_and_inertia(dr
         monkeypatch.setattr(ConstantVelocity, "coasting", lambda *_: None)
     else:
         monkeypatch.setattr(odometry_fault, "_BEGINS", 0.0)
-        monkeypatch.setattr(surfel_tracker, "_SWERVE", math.inf)
+        monkeypatch.setattr(odometry_hypotheses, "_SWERVE", math.inf)
     assert np.median([_ate_with_reversed_odometry(drive_in, seed) for seed in seeds]) > 1.0
 
 
