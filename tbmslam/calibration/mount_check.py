@@ -51,7 +51,7 @@ def mount_warning(
 ) -> str | None:
     """Return a warning if the motions of odometry and scans contradict the stated mount of the laser, else None.
 
-    `place` is the mount that was estimated from them. The stated mount must be the same at all keyframes.
+    `place` is the mount that was estimated from them. The stated mount must hardly move.
     """
     if _is_upside_down(motions.turns[:, 0], motions.turns[:, 1], config):
         return (

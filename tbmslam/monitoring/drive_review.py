@@ -9,7 +9,7 @@ import numpy as np
 from tbmslam.calibration.clock_check import clock_warning, is_late
 from tbmslam.calibration.hand_eye import motions_of, sensor_place, turn_lag
 from tbmslam.calibration.mount_check import MountChange, MountCheckConfig, mount_changes, mount_warning
-from tbmslam.geometry.se2 import FloatArray, path_lengths
+from tbmslam.geometry.se2 import FloatArray, path_lengths, wrap_angles
 from tbmslam.geometry.trajectory import Trajectory, elapsed_times
 from tbmslam.kernels import BoolArray, IntArray
 from tbmslam.map.keyframes import Keyframes
@@ -147,6 +147,7 @@ def standing_warnings(trajectory: Trajectory, keyframes: Keyframes) -> list[EndW
     return [EndWarning("standing", text)]
 
 
+_STEADY = 0.1  # share of the smallest error with a warning; a stated mount that moves by less counts as one mount
 _TIME_STEP_S = 0.1  # step of the times in warnings [s]; the end of `--interval` is excluded
 
 
@@ -188,7 +189,7 @@ class DriveReview:
                 float(trajectory.stamps[-1]) + _TIME_STEP_S,
             ]
             return [self._change_warning(changes[: number + 1], ends, keyframes) for number in range(len(changes))]
-        if np.ptp(keyframes.sensor_poses, axis=0).any():
+        if self._mount_moves(keyframes.sensor_poses):
             return []
         place = sensor_place(motions, self._mount.parts, self._mount.motions)
         text = mount_warning(keyframes, motions, place, self._mount)
@@ -199,6 +200,16 @@ class DriveReview:
             if late := clock_warning(place, turned, self._corrections.clock_offset):
                 found.append(EndWarning("clock", late))
         return found
+
+    def _mount_moves(self, stated: FloatArray) -> bool:
+        """Return whether the stated mount (K, 3) of the laser moves by enough to matter to its check.
+
+        Logs round the poses of each line, and the mount is interpolated in tf, so equal mounts differ a little.
+        """
+        apart = stated - stated[0]
+        apart[:, 2] = wrap_angles(apart[:, 2])  # a laser that looks backwards may have angles near pi and near -pi
+        limits = (self._mount.distance, self._mount.distance, self._mount.angle)
+        return bool((np.ptp(apart, axis=0) > _STEADY * np.array(limits)).any())
 
     def _change_warning(
         self, changes: Sequence[MountChange], ends: Sequence[float], keyframes: Keyframes

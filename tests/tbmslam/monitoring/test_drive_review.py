@@ -125,15 +125,16 @@ MOUNT, STARTED = SE2(0.3, 0.0, 0.1), 1000.0
 KNOCK = math.radians(15.0)
 
 
-def drive(knocked=(), scale=1.0, odometry=True, information=ROOM, lag=0.0, aside=0.0, moving=0.0):
+def drive(knocked=(), scale=1.0, odometry=True, information=ROOM, lag=0.0, aside=0.0, moving=0.0, rounded=0.0):
     """Return a trajectory and its keyframes, of a laser that is knocked at keyframes to the left.
 
     The odometry is older than the scans by `lag` [s]. The mount is stated too far left by `aside` [m], and by `moving`
-    [m] more at each keyframe.
+    [m] more at each keyframe. Its angle is stated too large and too small in turn, by `rounded` [rad].
     """
     true, kept, found = SE2.identity(), [], []
     for k in range(300):
-        stated = SE2(MOUNT.x, MOUNT.y + aside + moving * k, MOUNT.theta)
+        angle = math.remainder(MOUNT.theta + (-1) ** k * rounded, math.tau)
+        stated = SE2(MOUNT.x, MOUNT.y + aside + moving * k, angle)
         true = true @ SE2(0.15, 0.0, 0.15 * math.sin(k / 5.0))
         old = true @ SE2(-0.3 * lag, 0.0, -0.3 * lag * math.sin(k / 5.0))
         wheels = SE2(scale * old.x, scale * old.y, old.theta)
@@ -177,6 +178,14 @@ def test_a_laser_that_sits_elsewhere_is_reported_unless_it_moves_or_the_check_is
     assert warning.what.endswith("try --sensor-pose 0.30 0.00 6")
     assert drive_review_said(aside=0.3, moving=1e-4) == []
     assert drive_review_said(MountCheckConfig(enabled=False), aside=0.3) == []
+
+
+@pytest.mark.parametrize("theta", [0.1, math.pi])
+def test_a_mount_that_rounding_moves_is_judged(monkeypatch, theta):
+    """Logs round each pose; of a laser that looks backwards, angles are then on both sides of pi."""
+    monkeypatch.setattr(f"{__name__}.MOUNT", SE2(0.3, 0.0, theta))
+    (warning,) = drive_review_said(aside=0.3, moving=1e-8, rounded=1e-6)
+    assert warning.what.endswith(f"try --sensor-pose 0.30 0.00 {math.degrees(theta):.0f}")
 
 
 def test_a_wrong_scale_is_reported_with_its_factor():
