@@ -183,7 +183,9 @@ def _readings(
     looks_up = _looks_up(kind, options)
     intake = ScanIntake(rules, step, options.gap_s, counts)
     motion = TopicMotion(Mounting([], mount, options.upside_down))
-    pairing = Pairing(motion, counts, options.clock_offset or 0.0, options.odometry_scale, options.max_odometry_gap_s)
+    # A pose in the line of each scan is near in time, however far apart the scans are.
+    longest_gap_s = options.max_odometry_gap_s if kind == "RAWLASER1" else math.inf
+    pairing = Pairing(motion, counts, options.clock_offset or 0.0, options.odometry_scale, longest_gap_s)
     for block in in_blocks(line for path in paths for line in lines_of(path)):
         kinds = [kind_of(line) for line in block]
         logs = [_read(line, settings) if own == kind else None for own, line in zip(kinds, block, strict=True)]

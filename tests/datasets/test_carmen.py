@@ -125,6 +125,13 @@ def test_poses_in_lines_of_scans_later_than_the_scans(tmp_path):
     assert recording.counts.extrapolated == 1
 
 
+def test_scans_far_apart_keep_their_odometry_at_another_time(tmp_path):
+    text = "".join(flaser(k) for k in range(0, 400, 40))  # 8 s apart
+    readings, recording = read(tmp_path / "run.log", text, clock_offset=0.4)
+    assert [reading.T_odom_robot.x for reading in readings[:-1]] == pytest.approx([4.0 * k + 0.2 for k in range(9)])
+    assert recording.counts.without_odometry == 1
+
+
 def test_a_laser_that_looks_backwards_has_one_mount_at_another_time(tmp_path):
     """Rounded angles lie on both sides of pi."""
     lines = [robot_laser(k).replace(" 0.5 0 ", f" 0.5 {(-1) ** (k // 10) * 3.14159} ", 1) for k in range(40)]
