@@ -104,7 +104,8 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
     if to_sensor is None and sensor_pose is None:
         sensor_pose = STATA_SENSOR_POSE if options.profile == "stata" else None
         logger.warning(
-            "%s: tf does not hold the mount of the laser (frame %r); the default is %s: pass --sensor-pose",
+            "%s: tf does not hold the mount of the laser (frame %r); the default is %s: pass --sensor-pose, "
+            "and --upside-down if it hangs upside down",
             files.paths[0],
             laser.frame,
             "that of the PR2" if sensor_pose else "the robot's centre",

@@ -59,7 +59,8 @@ def test_without_any_transform_the_error_names_what_is_missing(tmp_path, caplog)
     run = mapped_by_the_program(tmp_path, BagScript())
     assert run["counts"]["scans_used"] == 30
     assert "run.bag: neither tf nor a topic holds usable odometry; continuing without it" in caplog.text
-    assert "tf does not hold the mount of the laser (frame 'laser')" in caplog.text
+    mount = "tf does not hold the mount of the laser (frame 'laser'); the default is the robot's centre"
+    assert f"{mount}: pass --sensor-pose, and --upside-down if it hangs upside down" in caplog.text
 
 
 def test_large_maps_with_distant_frames_merge_correctly(tmp_path):
