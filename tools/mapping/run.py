@@ -146,7 +146,7 @@ def _map(
 
 
 def _print_result(task: MappingTask, made: Mapped, printed: set[tuple[tuple[Path, ...], str]]) -> None:
-    """Print the result of a robot, and the counts of its recording unless they are in `printed`."""
+    """Print the result of a robot, and the sources and counts of its recording unless they are in `printed`."""
     result = made.run["result"]
     how = "kept from an earlier run" if made.seconds is None else f"{made.seconds:.1f} s"
     scans = in_number(result["scans"], "scan", "scans")
@@ -155,10 +155,21 @@ def _print_result(task: MappingTask, made: Mapped, printed: set[tuple[tuple[Path
         f"{task.name}: {scans}, {result['distance_m']:.1f} m, {keyframes}, "
         f"{result['known_area_m2']:.0f} m2 known, {how} -> {task.folder}"
     )
-    if (task.paths, made.summary) not in printed:
-        printed.add((task.paths, made.summary))
-        for line in made.summary.splitlines():
-            print(f"  {line}")
+    for lines in (_sources(made.run["recording"]), made.summary):
+        if (task.paths, lines) not in printed:
+            printed.add((task.paths, lines))
+            for line in lines.splitlines():
+                print(f"  {line}")
+
+
+def _sources(recording: Mapping[str, object]) -> str:
+    """Return the topics, or the kinds of lines of a log, from which scans and odometry of a recording were read."""
+    odometry = recording["odometry"]
+    if odometry == "tf":
+        odometry = f"tf, {recording['odom_frame']} -> {recording['robot_frame']}"
+    elif odometry == "topic":
+        odometry = recording["odometry_topic"]
+    return f"scans: {recording['scan_topic']}; odometry: {odometry}"
 
 
 def _write_truth(

@@ -27,6 +27,7 @@ def test_one_bag_is_one_robot(bag, tmp_path, capsys):
     assert "robot_0: 80 scans, " in out
     assert f" -> {tmp_path / 'robot_0'}" in out
     assert "80 of 80 scans used" in out
+    assert "  scans: /base_scan; odometry: tf, odom_combined -> base_footprint\n" in out
 
 
 def test_times_count_as_those_of_interval(tmp_path, caplog):
@@ -55,7 +56,9 @@ def test_every_key_is_described(bag, bags, tmp_path, capsys):
     assert run(log, "-o", tmp_path / "log") == 0
     split = (bag, "--robots", 2, "--overlap", 0.5, "--reference", bags / "robot_0.truth.tum")
     assert run(*split, "-o", tmp_path / "bag") == 0
-    assert capsys.readouterr().out.count("  of the whole recording 80 of 80 scans used") == 1
+    out = capsys.readouterr().out
+    assert "  scans: FLASER; odometry: FLASER\n" in out
+    assert out.count("  of the whole recording 80 of 80 scans used") == out.count("  scans: /base_scan; ") == 1
     truth = json.loads((tmp_path / "bag" / "truth.json").read_text())
     found = keys_in(list(truth["robots"].values()))
     for folder in (tmp_path / "log" / "log", tmp_path / "bag" / "robot_0_1"):
