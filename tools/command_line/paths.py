@@ -37,13 +37,19 @@ def path_argument(text: str) -> Path:
 
 
 _MAPS = ("map.npz", "map.yaml")
+_BESIDE_MAPS = ("report.html", "truth.json")
+"""Files that `tbmslam map` writes beside the folders of its maps."""
 
 
 def list_maps(paths: Iterable[Path]) -> list[Path]:
-    """Return maps; a folder without a map is replaced by the map folders in it: robot_0, robot_1, ..."""
+    """Return maps; a folder without a map is replaced by the map folders in it: robot_0, robot_1, ...
+
+    Files that `tbmslam map` writes beside these folders are left out, since the shell names them for `out/*`, too.
+    """
     return [
         found
         for path in paths
+        if not (path.name in _BESIDE_MAPS and path.is_file())
         for found in (map_folders(path) if path.is_dir() and not holds_map(path) else []) or [path]
     ]
 
