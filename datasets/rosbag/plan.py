@@ -86,6 +86,7 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
         files.slice_clouds(cut)
     survey = _surveyed(files, topics, options)
     laser = _laser(files, options, topics, survey)
+    frames = _frames(files, options, topics, survey, laser)
     if (near := laser.nearest_usual()) > _NEVER_ALL_BEYOND:
         raise DatasetError(
             f"{files.paths[0]}: nine of ten ranges of {topics.scan} are beyond {near:.0f} m, perhaps in millimetres: "
@@ -96,7 +97,6 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
             f"{files.paths[0]}: two lasers or robots share {topics.scan}, their scans alternate: record each on its "
             f"own topic"
         )
-    frames = survey.frames() if options.odometry in ("auto", "tf") else None
     source = _source(files, options, topics, frames, survey)
     frames = frames if source == "tf" else None
     robot_frame, to_sensor = _robot(survey, laser, options, frames)
@@ -160,7 +160,7 @@ def _sliced(
     files.slice_clouds(CloudSlice(SE3.identity(), -math.inf, math.inf))
     survey = _surveyed(files, topics, options)
     laser = _laser(files, options, topics, survey)
-    frames = survey.frames() if options.odometry in ("auto", "tf") else None
+    frames = _frames(files, options, topics, survey, laser)
     _, to_sensor = _robot(survey, laser, options, frames)
     stated = None if to_sensor is None else pose_along(to_sensor)
     if stated is None and options.sensor_pose is None and is_optical(laser.frame):
@@ -214,10 +214,7 @@ def _take(survey: Survey, message: Message) -> None:
 
 
 def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, survey: Survey) -> SurveyedLaser:
-    """Return the laser whose scans are read, and warn if the topic has scans of other lasers.
-
-    Points in a frame relative to which the robot moves, as those of registered clouds, are refused.
-    """
+    """Return the laser whose scans are read, and warn if the topic has scans of other lasers."""
     lasers = list(survey.lasers.values())
     if not lasers:
         raise DatasetError(f"{files.paths[0]}: no scan of {topics.scan} can be decoded: choose another --scan-topic")
@@ -240,13 +237,24 @@ def _laser(files: BagFiles, options: RecordingOptions, topics: ChosenTopics, sur
             listed,
             survey.laser.frame,
         )
-    if options.sensor_pose is None and survey.moves_in(survey.laser.frame):
+    return survey.laser
+
+
+def _frames(
+    files: BagFiles, options: RecordingOptions, topics: ChosenTopics, survey: Survey, laser: SurveyedLaser
+) -> Frames | None:
+    """Return the frames of the odometry in tf, None if it is not read there.
+
+    Points in a frame relative to which the robot moves, as those of registered clouds, are refused.
+    """
+    frames = survey.frames()
+    if options.sensor_pose is None and survey.moves_in(laser.frame, frames):
         raise DatasetError(
-            f"{files.paths[0]}: the points of {topics.scan} are in the frame {survey.laser.frame}, in which the robot "
-            "moves, so it is unknown from where the laser saw them: choose a topic in the laser's own frame with "
+            f"{files.paths[0]}: the points of {topics.scan} are in the frame {laser.frame}, in which the robot moves, "
+            "so it is unknown from where the laser saw them: choose a topic in the laser's own frame with "
             "--scan-topic, or pass --sensor-pose if the frame's name is wrong"
         )
-    return survey.laser
+    return frames if options.odometry in ("auto", "tf") else None
 
 
 def _source(

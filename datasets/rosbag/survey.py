@@ -170,9 +170,8 @@ class Survey:
         """Return the chosen frames."""
         return choose_frames(self.graph, self.laser.frame if self.laser is not None else "", self.options)
 
-    def moves_in(self, frame: str) -> bool:
+    def moves_in(self, frame: str, frames: Frames | None) -> bool:
         """Return whether the robot moves relative to a frame, by the odometry in tf or else by that of the topic."""
-        frames = self.frames()
         if frames is not None:
             moving = [step.edge.key for step in frames.to_robot if not step.edge.is_fixed]
             return any(step.edge.key in moving for step in self.graph.path(frame, frames.robot, True) or [])
