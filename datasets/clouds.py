@@ -233,8 +233,20 @@ _LATE_S, _LATE_TURN = 1e-3, 0.02  # tolerances: a time [s], and a share of a tur
 _LEAST_TURN, _MOST_TURN = math.pi / 2.0, 2.2 * math.pi  # rotation of the sensor during one cloud [rad]
 
 
-_OPTICAL = SE3(0.0, 0.0, 0.0, -0.5, 0.5, -0.5, 0.5)
-"""Rotation of a level camera's optical frame: z ahead, x to the right, y down (REP 103 of ROS)."""
+class _Axes(NamedTuple):
+    """The directions of a frame's axes at a level sensor."""
+
+    level: SE3
+    """Rotation of the frame."""
+    rolled: SE3
+    """Half a turn around the axis along which the sensor looks."""
+    up: tuple[float, float, float]
+    """Axis that points upwards."""
+
+
+_USUAL = _Axes(SE3.identity(), SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_OPTICAL = _Axes(SE3(0.0, 0.0, 0.0, -0.5, 0.5, -0.5, 0.5), SE3(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
+"""Axes of a camera's optical frame: z ahead, x to the right, y down (REP 103 of ROS)."""
 
 
 def is_optical(frame: str) -> bool:
@@ -246,15 +258,17 @@ def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: b
     """Return the mount of a sensor in space from its mount in tf, None if unknown.
 
     `sensor_pose` replaces the pose in the plane, but not the height and the tilt. Without a mount in tf the sensor is
-    level, or `upside_down`; a camera, by the name of its frame, then looks in the direction of `sensor_pose`.
+    level; a camera, by the name of its frame, then looks in the direction of `sensor_pose`. `upside_down` states which
+    side is up, regardless of tf: another side is turned up around the axis along which the sensor looks.
     """
+    axes = _OPTICAL if is_optical(frame) else _USUAL
+    T_robot_plane = SE3.from_planar(sensor_pose or SE2.identity())
     if T_robot_sensor is None:
-        hanging = SE3(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0) if upside_down else SE3.identity()
-        level = SE3.from_planar(sensor_pose or SE2.identity()) @ hanging
-        return level @ _OPTICAL if is_optical(frame) else level
-    if sensor_pose is None:
-        return T_robot_sensor
-    return SE3.from_planar(sensor_pose) @ SE3.from_planar(T_robot_sensor.planar()).inverse() @ T_robot_sensor
+        T_robot_sensor = T_robot_plane @ axes.level
+    elif sensor_pose is not None:
+        T_robot_sensor = T_robot_plane @ SE3.from_planar(T_robot_sensor.planar()).inverse() @ T_robot_sensor
+    hangs = T_robot_sensor.rotated(*axes.up)[2] < 0.0
+    return T_robot_sensor if upside_down in (None, hangs) else T_robot_sensor @ axes.rolled
 
 
 def choose_slice(

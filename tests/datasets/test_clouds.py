@@ -347,3 +347,17 @@ def test_a_stated_mount_replaces_that_of_tf_in_the_plane():
     assert mounting(None, None, None) == SE3.identity()
     assert mounting(None, stated, None).planar() == pytest.approx(stated)
     assert mounting(None, None, True) == HANGING
+
+
+@pytest.mark.parametrize(("frame", "up"), [("lidar", (0.0, 0.0, 1.0)), ("camera_optical_frame", (0.0, -1.0, 0.0))])
+def test_the_side_that_is_up_is_stated_regardless_of_tf(frame, up):
+    """The sensor keeps its place, its tilt and the direction in which it looks."""
+    ahead = (1.0, 0.0, 0.0) if frame == "lidar" else (0.0, 0.0, 1.0)
+    upright = SE3(0.3, 0.1, 0.6, 0.0, math.sin(0.2), 0.0, math.cos(0.2)) @ mounting(None, None, None, frame)
+    hanging = mounting(upright, None, True, frame)
+    assert hanging[:3] == upright[:3]
+    np.testing.assert_allclose(hanging.rotated(*ahead), upright.rotated(*ahead), atol=1e-12)
+    assert hanging.rotated(*up)[2] == pytest.approx(-upright.rotated(*up)[2])
+    assert mounting(upright, None, False, frame) == upright
+    assert mounting(hanging, None, True, frame) == hanging
+    np.testing.assert_allclose(rotation_of(mounting(hanging, None, False, frame)), rotation_of(upright), atol=1e-12)
