@@ -38,7 +38,9 @@ class RecordingOptions:
     tf_topics: Annotated[tuple[str, ...] | None, "topics of transforms; without them every topic of that type"] = None
     odom_frame: Annotated[str | None, "frame of the odometry in tf"] = None
     robot_frame: Annotated[str | None, "frame of the robot in tf"] = None
-    sensor_pose: Annotated[SE2 | None, "pose of the laser on the robot [m, m, rad] instead of the recorded one"] = None
+    sensor_pose: Annotated[
+        SE2 | None, "pose of the laser on the robot [m, m, rad] instead of the recorded one; its height and tilt stay"
+    ] = None
     upside_down: Annotated[bool | None, "whether the laser is mounted upside down, regardless of tf"] = None
     angle_step_deg: Annotated[
         float | None, "angle between beams [deg] instead of the recorded one; the first beam keeps its direction"

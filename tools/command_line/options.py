@@ -84,7 +84,7 @@ def _add_odometry_options(parser: argparse.ArgumentParser) -> None:
     odometry.add_argument("--robot-frame", metavar="FRAME", help="frame of the robot")
     odometry.add_argument(
         "--sensor-pose", type=float, nargs=3, metavar=("X", "Y", "DEG"),
-        help="pose of the laser on the robot [m, m, degrees] instead of the recorded pose",
+        help="pose of the laser on the robot [m, m, degrees] instead of the recorded pose; its height and tilt stay",
     )  # fmt: skip
     odometry.add_argument(
         "--upside-down", action=argparse.BooleanOptionalAction, default=None,
