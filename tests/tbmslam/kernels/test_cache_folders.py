@@ -1,4 +1,5 @@
 import ast
+import json
 import os
 import shutil
 import subprocess
@@ -18,11 +19,76 @@ KERNELS = {
     "outer": HEAD + "from tbmslam.kernels.middle import middle\n\n\n@kernel\ndef outer(x):\n    return middle(x)\n",
     "other": HEAD + "\n\n@kernel\ndef other(x):\n    return x - 1\n",
 }
-RUN = """
-from tbmslam.kernels.other import other
-from tbmslam.kernels.outer import outer
-print(outer(1), sum(outer.stats.cache_hits.values()), other(1), sum(other.stats.cache_hits.values()))
+FORKING = """
+import json, os, sys, traceback
+import numba.np.arraymath
+from numba.core import config
+numba.njit(lambda x: x + 1)(1)
+
+def run(settings, output):
+    os.dup2(output, 1)
+    os.environ.clear()
+    os.environ.update(settings)
+    config.reload_config()
+    sys.path.insert(0, settings["PYTHONPATH"])
+    try:
+        from tbmslam.kernels.other import other
+        from tbmslam.kernels.outer import outer
+        for kernel in (outer, other):
+            print(kernel(1), sum(kernel.stats.cache_hits.values()), flush=True)
+    except BaseException:
+        traceback.print_exc()
+    os._exit(0)
+
+for line in sys.stdin:
+    started = []
+    for settings in json.loads(line):
+        reader, writer = os.pipe()
+        if not (child := os.fork()):
+            run(settings, writer)
+        os.close(writer)
+        started.append((child, reader))
+    said = []
+    for child, reader in started:
+        with os.fdopen(reader) as output:
+            said.append(output.read().split())
+        os.waitpid(child, 0)
+    print(json.dumps(said), flush=True)
 """
+"""Runs kernels in processes forked from one that has loaded and started numba, which takes seconds, but no kernel."""
+
+# One worker compiles for all of them.
+pytestmark = pytest.mark.xdist_group("cache folders")
+
+
+@pytest.fixture(scope="module")
+def run_at_once():
+    """Return a function that runs the kernels of packages at once, each in a process of its own."""
+    if not hasattr(os, "fork"):
+        pytest.skip("needs fork")
+    own = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    command = [sys.executable, "-B", "-c", FORKING]
+    with subprocess.Popen(  # noqa: S603 - our code
+        command, env=own, cwd="/", stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+
+        def run(*packages, **changes):
+            all_settings = []
+            for package in packages:
+                folder = package.parents[1]
+                places = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+                all_settings.append({**own, **places, **changes})
+            process.stdin.write(json.dumps(all_settings) + "\n")
+            process.stdin.flush()
+            return json.loads(process.stdout.readline())
+
+        yield run
+        process.stdin.close()
+
+
+@pytest.fixture(scope="module")
+def run(run_at_once):
+    return lambda package, **changes: run_at_once(package, **changes)[0]
 
 
 def package_in(folder):
@@ -43,7 +109,7 @@ def package(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def compiled_once(tmp_path_factory):
+def compiled_once(run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("compiled")
     assert run(package_in(folder)) == ["2", "0", "0", "0"]
     return folder
@@ -56,29 +122,7 @@ def compiled(compiled_once, tmp_path):
     return tmp_path / "tbmslam" / "kernels"
 
 
-def surroundings(package, **changes):
-    own = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
-    return {
-        **own,
-        "PYTHONPATH": str(package.parents[1]),
-        "NUMBA_CACHE_DIR": str(package.parents[1] / "cache"),
-        **changes,
-    }
-
-
-def start(package, **changes):
-    command = [sys.executable, "-B", "-c", RUN]
-    return subprocess.Popen(  # noqa: S603 - our code
-        command, env=surroundings(package, **changes), cwd=package, stdout=subprocess.PIPE, text=True
-    )
-
-
-def run(package, **changes):
-    with start(package, **changes) as process:
-        return process.communicate()[0].split()
-
-
-def test_a_change_of_a_callee_recompiles_its_callers_and_nothing_else(compiled):
+def test_a_change_of_a_callee_recompiles_its_callers_and_nothing_else(run, compiled):
     assert run(compiled) == ["2", "1", "0", "1"]
     (compiled / "inner.py").write_text(KERNELS["inner"].replace("x + 1", "x + 7"), encoding="utf-8")
     assert run(compiled) == ["8", "0", "0", "1"]
@@ -87,31 +131,30 @@ def test_a_change_of_a_callee_recompiles_its_callers_and_nothing_else(compiled):
 
 
 @pytest.mark.parametrize("name", ["kernel_compiler", "remembered_types"])
-def test_a_change_of_the_compiler_recompiles_all_kernels(compiled, name):
+def test_a_change_of_the_compiler_recompiles_all_kernels(run, compiled, name):
     compiler = compiled / f"{name}.py"
     compiler.write_text(compiler.read_text(encoding="utf-8") + "# changed\n", encoding="utf-8")
     assert run(compiled) == ["2", "0", "0", "0"]
 
 
-def test_a_second_installation_compiles_nothing(compiled, tmp_path):
+def test_a_second_installation_compiles_nothing(run, compiled, tmp_path):
     copied = tmp_path / "elsewhere" / "tbmslam"
     shutil.copytree(compiled.parent, copied, copy_function=shutil.copyfile)  # with other time stamps
     assert run(copied / "kernels", NUMBA_CACHE_DIR=str(tmp_path / "cache")) == ["2", "1", "0", "1"]
 
 
-def test_the_check_of_bounds_has_a_cache_of_its_own(compiled):
+def test_the_check_of_bounds_has_a_cache_of_its_own(run, compiled):
     assert run(compiled, NUMBA_BOUNDSCHECK="1") == ["2", "0", "0", "0"]
     assert run(compiled, NUMBA_BOUNDSCHECK="1") == ["2", "1", "0", "1"]
 
 
-def test_several_processes_compile_at_once(package):
-    started = [start(package) for _ in range(2)]
-    said = [process.communicate()[0].split() for process in started]
+def test_several_processes_compile_at_once(run, run_at_once, package):
+    said = run_at_once(package, package)
     assert [(each[0], each[2]) for each in said] == [("2", "0")] * 2
     assert run(package) == ["2", "1", "0", "1"]
 
 
-def test_a_place_where_nothing_can_be_made_is_done_without(package):
+def test_a_place_where_nothing_can_be_made_is_done_without(run, package):
     blocked = package.parents[1] / "cache"
     blocked.mkdir()
     (blocked / "tbmslam").write_bytes(b"")
