@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -75,14 +76,20 @@ def nearest_tests(path: str) -> list[list[str]]:
     own = folder / f"test_{module.stem}.py"
     dotted = ".".join(module.with_suffix("").parts)
     naming = {
-        str(test.relative_to(ROOT))
-        for test in (ROOT / "tests").rglob("test_*.py")
-        if dotted in (text := test.read_text(encoding="utf-8"))
-        or f"from {'.'.join(module.parent.parts)} import {module.stem}" in text
+        test
+        for test, text in _texts_of_tests().items()
+        if dotted in text or f"from {'.'.join(module.parent.parts)} import {module.stem}" in text
     }
     sharing = {str(test.relative_to(ROOT)) for test in (ROOT / folder).glob("test_*.py")}
     rest = sorted((naming | sharing) - {str(own)})
     return [tests for tests in ([str(own)] if (ROOT / own).exists() else [], rest) if tests]
+
+
+@cache
+def _texts_of_tests() -> dict[str, str]:
+    return {
+        str(test.relative_to(ROOT)): test.read_text(encoding="utf-8") for test in (ROOT / "tests").rglob("test_*.py")
+    }
 
 
 def is_killed(mutant: Mutant, copy: Path) -> bool:
