@@ -64,7 +64,7 @@ def test_wrong_usage_is_exit_2(program):
 
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_help_is_quick_and_shows_two_examples_and_the_exit_codes(program):
-    done, seconds = cpu_seconds(program_path(program), "--help")
+    done, seconds = cpu_seconds(program_path(program), "--help", enough=0.3)
     assert done.returncode == 0
     assert done.stdout.count(f"\n  tbmslam {COMMANDS[program]} ") >= 2
     assert "exit codes: 0 " in done.stdout
