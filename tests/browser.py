@@ -30,10 +30,10 @@ class OpenPage:
 
 
 @contextmanager
-def browser_window(width: int = 1440, height: int = 900, *, is_touched: bool = False) -> Iterator[object]:
-    """Open a browser's window, of a phone if it is touched; skip the test where there is no browser.
+def running_browser() -> Iterator[object]:
+    """Run a browser; skip the test where there is none.
 
-    The window is closed at the end since the library's event loop must not run while other tests use one.
+    It is closed at the end since the library's event loop must not run while other tests use one.
     """
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[dev]'")
     path = next(filter(None, map(shutil.which, NAMES)), None)
@@ -41,8 +41,15 @@ def browser_window(width: int = 1440, height: int = 900, *, is_touched: bool = F
         pytest.skip(f"no browser is installed: none of {', '.join(NAMES)} is found, apt-get install chromium")
     with playwright.sync_playwright() as tool:
         browser = tool.chromium.launch(executable_path=path)
-        context = browser.new_context(
-            viewport={"width": width, "height": height}, offline=True, is_mobile=is_touched, has_touch=is_touched
-        )
-        yield context.new_page()
+        yield browser
         browser.close()
+
+
+@contextmanager
+def browser_window(browser, width: int = 1440, height: int = 900, *, is_touched: bool = False) -> Iterator[object]:
+    """Open a window that knows nothing of others, of a phone if it is touched."""
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, offline=True, is_mobile=is_touched, has_touch=is_touched
+    )
+    yield context.new_page()
+    context.close()

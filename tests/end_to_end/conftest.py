@@ -25,3 +25,11 @@ def flat(tmp_path_factory):
 def flat_maps(flat, tmp_path_factory):
     """The flat's two robots mapped."""
     return build(tmp_path_factory.mktemp("flat") / "maps", flat / "robot_0.bag", flat / "robot_1.bag", "--separate")
+
+
+@pytest.fixture(scope="session")
+def flat_merged(flat_maps, tmp_path_factory):
+    """The flat's two maps merged."""
+    folder = tmp_path_factory.mktemp("flat") / "merged"
+    merge_maps(folder, flat_maps / "robot_0", flat_maps / "robot_1")
+    return folder

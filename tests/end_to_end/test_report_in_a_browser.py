@@ -11,7 +11,7 @@ from tbmslam.io.map_folder import load_map
 from tbmslam.report.map_layers import drive_layers, incident_layer, map_layers
 from tbmslam.report.page import Page
 from tbmslam.report.sheet import Marks, Sheet, Switch
-from tests.browser import OpenPage, browser_window
+from tests.browser import OpenPage, browser_window, running_browser
 from tests.end_to_end.programs import build, merge_maps, simulate
 from tests.reference import is_inside
 
@@ -19,15 +19,15 @@ pytestmark = pytest.mark.xdist_group("flat")
 
 
 @pytest.fixture(scope="module")
-def merged(flat_maps, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("merged")
-    merge_maps(folder, flat_maps / "robot_0", flat_maps / "robot_1")
-    return folder
+def browser():
+    """One for all tests of this file: it takes seconds to start."""
+    with running_browser() as browser:
+        yield browser
 
 
 @pytest.fixture
-def window():
-    with browser_window() as page:
+def window(browser):
+    with browser_window(browser) as page:
         yield page
 
 
@@ -45,8 +45,8 @@ def read_out(opened, number=0):
     return {name: float(value) for name, value in re.findall(r"([a-z]+) (-?\d+(?:\.\d+)?)", text)}
 
 
-def test_the_merge_report_shows_the_map_and_switches_its_layers(merged, window):
-    opened = OpenPage(window, merged / "report.html")
+def test_the_merge_report_shows_the_map_and_switches_its_layers(flat_merged, window):
+    opened = OpenPage(window, flat_merged / "report.html")
     page = opened.page
     assert page.title() == "Merge of robot_0, robot_1"
     assert "2 of 2 maps were merged." in page.inner_text("header")
@@ -71,9 +71,9 @@ def test_the_merge_report_shows_the_map_and_switches_its_layers(merged, window):
     assert opened.asked_elsewhere() == []
 
 
-def test_the_map_is_panned_and_zoomed_and_read_in_metres(merged, window):
-    opened = OpenPage(window, merged / "report.html")
-    page, grid = opened.page, load_map(merged).grid
+def test_the_map_is_panned_and_zoomed_and_read_in_metres(flat_merged, window):
+    opened = OpenPage(window, flat_merged / "report.html")
+    page, grid = opened.page, load_map(flat_merged).grid
     for number in (0, 40, -70):
         said = read_out(opened, number)
         row, col = grid.geometry.cell_at(said["x"], said["y"])
@@ -101,8 +101,8 @@ def test_the_map_is_panned_and_zoomed_and_read_in_metres(merged, window):
     assert opened.complaints == []
 
 
-def test_the_hint_is_for_a_mouse_where_there_is_one(merged, window):
-    opened = OpenPage(window, merged / "report.html")
+def test_the_hint_is_for_a_mouse_where_there_is_one(flat_merged, window):
+    opened = OpenPage(window, flat_merged / "report.html")
     page = opened.page
     hint = "Move over the map to read positions and values. Drag to move, scroll to zoom."
     assert page.inner_text("#readout") == hint
@@ -111,9 +111,9 @@ def test_the_hint_is_for_a_mouse_where_there_is_one(merged, window):
     assert page.inner_text("#readout") == hint
 
 
-def test_a_touch_screen_has_its_own_hint_and_one_tap_reads_position_and_values(merged):
-    with browser_window(390, 844, is_touched=True) as window:
-        opened = OpenPage(window, merged / "report.html")
+def test_a_touch_screen_has_its_own_hint_and_one_tap_reads_position_and_values(flat_merged, browser):
+    with browser_window(browser, 390, 844, is_touched=True) as window:
+        opened = OpenPage(window, flat_merged / "report.html")
         page = opened.page
         hint = "Tap the map to read positions and values. Drag to move, pinch to zoom."
         assert page.inner_text("#readout") == hint
@@ -150,8 +150,8 @@ def robots_seen(page):
     return [(round(box["x"] + box["width"] / 2), round(box["y"] + box["height"] / 2)) for box in boxes]
 
 
-def test_robots_run_along_their_drives_by_keys_and_by_themselves(merged, window):
-    opened = OpenPage(window, merged / "report.html")
+def test_robots_run_along_their_drives_by_keys_and_by_themselves(flat_merged, window):
+    opened = OpenPage(window, flat_merged / "report.html")
     page = opened.page
     assert robots_seen(page) == []
     page.locator("#when").focus()
@@ -195,8 +195,8 @@ def test_a_robot_is_where_its_trajectory_says(flat_maps, window):
     assert robots_seen(page) == []
 
 
-def test_the_view_is_saved_and_the_files_beside_the_page_are_led_to(merged, flat_maps, window, tmp_path):
-    opened = OpenPage(window, merged / "report.html")
+def test_the_view_is_saved_and_the_files_beside_the_page_are_led_to(flat_merged, flat_maps, window, tmp_path):
+    opened = OpenPage(window, flat_merged / "report.html")
     page = opened.page
     page.locator("#when").fill("5")
     with page.expect_download() as saved:
@@ -208,23 +208,23 @@ def test_the_view_is_saved_and_the_files_beside_the_page_are_led_to(merged, flat
     apart = np.abs(picture.astype(int) - seen[: picture.shape[0], : picture.shape[1]]).max(axis=2) > 60
     assert apart.mean() < 0.03  # buttons, and edges of cells
     assert opened.complaints == []
-    for folder, least in ((merged, 6), (flat_maps, 10)):
+    for folder, least in ((flat_merged, 6), (flat_maps, 10)):
         OpenPage(page, folder / "report.html")
         paths = page.locator(".files a").evaluate_all("(all) => all.map((one) => decodeURI(one.getAttribute('href')))")
         assert len(paths) >= least
         assert all((folder / path).is_file() for path in paths)
 
 
-def test_pages_are_of_a_reasonable_size(merged, flat_maps):
-    for folder in (merged, flat_maps):
+def test_pages_are_of_a_reasonable_size(flat_merged, flat_maps):
+    for folder in (flat_merged, flat_maps):
         assert 200_000 < (folder / "report.html").stat().st_size < 1_000_000
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_on_a_phone_nothing_is_cut_off_and_the_map_is_first(merged, window, scheme):
+def test_on_a_phone_nothing_is_cut_off_and_the_map_is_first(flat_merged, window, scheme):
     window.set_viewport_size({"width": 390, "height": 844})
     window.emulate_media(color_scheme=scheme)
-    opened = OpenPage(window, merged / "report.html")
+    opened = OpenPage(window, flat_merged / "report.html")
     page = opened.page
     assert page.evaluate("document.documentElement.scrollWidth") == 390
     tables = page.locator(".scroll").evaluate_all("(all) => all.map((one) => one.scrollWidth - one.clientWidth)")
@@ -240,25 +240,25 @@ def test_on_a_phone_nothing_is_cut_off_and_the_map_is_first(merged, window, sche
 
 
 @pytest.mark.parametrize("width", [820, 1440])
-def test_no_table_is_wider_than_the_page(flat_maps, merged, window, width):
+def test_no_table_is_wider_than_the_page(flat_maps, flat_merged, window, width):
     window.set_viewport_size({"width": width, "height": 900})
-    for folder in (flat_maps, merged):
+    for folder in (flat_maps, flat_merged):
         page = OpenPage(window, folder / "report.html").page
         beyond = page.locator(".scroll").evaluate_all("(all) => all.map((one) => one.scrollWidth - one.clientWidth)")
         assert beyond
         assert max(beyond) <= 0
 
 
-def test_the_end_of_a_long_name_is_shown_because_robots_differ_there(merged, window):
-    page = OpenPage(window, merged / "report.html").page
+def test_the_end_of_a_long_name_is_shown_because_robots_differ_there(flat_merged, window):
+    page = OpenPage(window, flat_merged / "report.html").page
     name = page.locator("#layers td").first
     name.evaluate("(cell) => cell.append('-of-a-recording-with_a_long_name_2026-11-26_0')")
     assert name.evaluate("(cell) => cell.scrollWidth <= cell.clientWidth")
     assert name.bounding_box()["height"] > 2 * page.locator("#layers tbody tr").nth(1).bounding_box()["height"]
 
 
-def test_the_heads_of_five_columns_of_switches_do_not_touch(merged, window, tmp_path):
-    tbm_map = load_map(merged)
+def test_the_heads_of_five_columns_of_switches_do_not_touch(flat_merged, window, tmp_path):
+    tbm_map = load_map(flat_merged)
     columns = list[Marks]()
     for drive in tbm_map.drives:
         walls = Marks(Switch("Robots", drive.name, "map"), "dots", drive.keyframes.poses[:, :2], (0, 0, 0))
@@ -321,8 +321,8 @@ def test_distances_are_measured_poses_copied_and_parameters_found(flat_maps, win
     assert opened.complaints == []
 
 
-def test_a_grid_lies_at_round_metres_and_follows_the_zoom(merged, window):
-    opened = OpenPage(window, merged / "report.html")
+def test_a_grid_lies_at_round_metres_and_follows_the_zoom(flat_merged, window):
+    opened = OpenPage(window, flat_merged / "report.html")
     page, drawn = opened.page, "() => [...document.querySelectorAll('#map canvas')].map((c) => c.toDataURL()).join()"
     without = page.evaluate(drawn)
     page.locator("#grid").click()

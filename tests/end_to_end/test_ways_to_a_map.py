@@ -19,6 +19,7 @@ from tbmslam.geometry.se2 import SE2
 from tbmslam.geometry.trajectory import Trajectory
 from tbmslam.io.map_folder import load_map
 from tests.belief_rules import disjunctive
+from tests.end_to_end import programs
 from tests.end_to_end.against_truth import alignment_errors, placed, share_of_cells_as_in
 from tests.end_to_end.programs import build, contents, merge_maps, simulate
 
@@ -31,9 +32,9 @@ def true_poses(bags, maps, names):
     return {name: placed(bags, maps, name).T_reference_estimate for name in names}
 
 
-def test_a_bag_for_each_robot(flat, flat_maps, tmp_path):
+def test_a_bag_for_each_robot(flat, flat_maps, flat_merged):
     names = ("robot_0", "robot_1")
-    report = merge_maps(tmp_path / "merged", *(flat_maps / name for name in names))
+    report = programs.report(flat_merged)
     for metres, degrees in alignment_errors(report, true_poses(flat, flat_maps, names), names).values():
         assert metres < 0.10
         assert degrees < 0.5
