@@ -34,7 +34,7 @@ def run(capsys, bag, maps):
     return build_maps.main([str(bag), "-o", str(maps)]), *capsys.readouterr()
 
 
-def test_another_process_in_another_folder_gives_the_same_bytes(flat, flat_maps, tmp_path):
+def test_another_process_in_another_folder_gives_the_same_bytes(flat, flat_maps, flat_merged, tmp_path):
     bags = [str(flat / f"robot_{k}.bag") for k in range(2)]
     done = shell("build_maps", *bags, "--separate", "-o", "maps", cwd=tmp_path, PYTHONHASHSEED="7")
     assert (done.returncode, done.stderr.removeprefix(COMPILING)) == (0, "")
@@ -42,6 +42,7 @@ def test_another_process_in_another_folder_gives_the_same_bytes(flat, flat_maps,
     done = shell("merge", "maps/robot_0", "maps/robot_1", "-o", "merged", cwd=tmp_path, PYTHONHASHSEED="7")
     assert (done.returncode, done.stderr.removeprefix(COMPILING)) == (0, "")
     assert done.stdout.splitlines()[-1] == "merged robot_0, robot_1 into merged"
+    assert contents(tmp_path / "merged") == contents(flat_merged)
 
 
 def test_a_missing_bag_and_a_missing_map_are_exit_1(tmp_path):
