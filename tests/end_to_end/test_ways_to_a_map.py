@@ -131,7 +131,7 @@ def test_several_bags_are_one_recording(tmp_path):
     assert counts["result"]["scans"] == len(robot.readings)
 
 
-@pytest.mark.parametrize("preset", ["viny", "viny-hc"])
+@pytest.mark.parametrize("preset", ["viny", pytest.param("viny-hc", marks=pytest.mark.slow)])
 def test_the_original_s_method_from_bag_to_merged_map(flat, tmp_path, preset):
     maps = build(
         tmp_path / "maps", flat / "robot_0.bag", flat / "robot_1.bag", "--separate", "--no-truth", "--preset", preset
