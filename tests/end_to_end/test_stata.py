@@ -1,8 +1,10 @@
 """The MIT Stata Center as it is published: a PR2's bag with a wrong laser clock, and the laser's truth."""
 
+import gc
 import gzip
 import json
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -132,7 +134,7 @@ def test_a_pr2_s_bag_is_mapped_by_its_base_laser(maps, recording, tmp_path):
         assert (again / "run" / name).read_bytes() == (maps / "run" / name).read_bytes()
 
 
-def test_every_program_scores_the_laser_s_truth_equally(maps, recording, tmp_path, capsys):
+def test_every_program_scores_the_laser_s_truth_equally(maps, recording, tmp_path, capsys, monkeypatch):
     told = json.loads((maps / "truth.json").read_text())["robots"]["run"]["ate_m"]
     assert told < 0.005
     truth = recording / "run.gt.laser.poses"
@@ -141,7 +143,10 @@ def test_every_program_scores_the_laser_s_truth_equally(maps, recording, tmp_pat
     assert evaluate.main(["trajectory", str(estimate), "--truth", str(truth), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ate_m"]["rmse"] == pytest.approx(told, abs=1e-6)
     tables = tmp_path / "tables.json"
+    # In this process; the first run, which is not counted, is the second.
+    monkeypatch.setattr("tools.benchmarks.slam.in_fresh_process", cache(lambda run, *words: run(*words)))
     assert benchmark.main(["slam", f"{recording / 'run.bag'},profile=stata", "--table", str(tables)]) == 0
+    gc.unfreeze()
     table = json.loads(tables.read_text())["tables"]["drives"]
     (row,) = table["rows"]
     assert float(row[table["columns"].index("ATE m")]) == pytest.approx(told, abs=6e-4)
