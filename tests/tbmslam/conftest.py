@@ -7,6 +7,14 @@ from datasets.synthetic.robot.laser import SimulatedLaser
 from datasets.synthetic.robot.simulation import OdometryNoise, simulate
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Let one worker simulate the drives for all of their tests."""
+    for item in items:
+        if "drive_in" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.xdist_group("drives"))
+
+
 @pytest.fixture(scope="session")
 def drive_in():
     """Return a function that simulates a robot's drive in a world, remembered for the session."""
