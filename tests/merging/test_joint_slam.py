@@ -20,6 +20,9 @@ from tbmslam.map.tbm_map import TbmMap
 from tbmslam.optimisation.bundle_adjustment import AdjustmentConfig
 from tbmslam.sensing.laser_scan import LaserScan
 
+# One worker makes the maps for all of them.
+pytestmark = pytest.mark.xdist_group("joint slam")
+
 CONFIG = JointConfig()
 MEASURED = np.array([0.5, 0.01, 0.02])
 

@@ -20,6 +20,9 @@ from tbmslam.reading_trial import BACKWARDS, PairedGains, ReadingTrial
 from tbmslam.sensing.laser_scan import Corrections
 from tbmslam.slam import Slam
 
+# One worker simulates the drives for all of them.
+pytestmark = pytest.mark.xdist_group("reading trial")
+
 STRETCHED = math.pi / 179
 
 

@@ -15,6 +15,9 @@ from datasets import DatasetError, open_recording
 from datasets.rosbag.source import BagSource
 from datasets.salvage.salvaged_bag import BagAnnouncement, announced_by
 
+# One worker writes the bags for all of them.
+pytestmark = pytest.mark.xdist_group("damaged bags")
+
 SCANS = 300
 COMPRESSIONS = ("none", "bz2", "lz4")
 rng = np.random.default_rng(1)

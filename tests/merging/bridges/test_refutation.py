@@ -23,6 +23,9 @@ from tests.merging.conftest import draw_rooms, grid_of_occupancy
 from tools.benchmarks.strangers import building_of
 from tools.map_pairs.placed_maps import maps_by_name
 
+# One worker draws the floors for all of them.
+pytestmark = pytest.mark.xdist_group("refutation")
+
 CONFIG = MergeConfig.model_validate({"nonrigid": {"enabled": False}})
 POSES = {"a": SE2(0.0, 0.0, 0.0), "b": SE2(5.0, 1.0, 1.0), "c": SE2(-3.0, 2.0, -2.0), "d": SE2(9.0, 9.0, 3.0)}
 """T_map_floor of every map."""

@@ -17,6 +17,9 @@ from tools.benchmarks.align import PairResult, comparison, details, encounters_o
 from tools.calibration.calibration_report import BINS, calibration_table
 from tools.map_pairs.known_pair import KnownPair, PairFileError, load_pair
 
+# One worker makes the pairs for all of them.
+pytestmark = pytest.mark.xdist_group("known pairs")
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):

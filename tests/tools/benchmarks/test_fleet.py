@@ -11,6 +11,9 @@ from tbmslam.map.tbm_map import TbmMap
 from tools.benchmark import main
 from tools.benchmarks.fleet import _joined, _placed, draw_fleet, make_fleet
 
+# One worker makes the maps for all of them.
+pytestmark = pytest.mark.xdist_group("fleet")
+
 
 @pytest.fixture(scope="module")
 def placed():

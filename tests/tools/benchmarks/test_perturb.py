@@ -33,6 +33,9 @@ from tools.benchmarks.perturb import (
 )
 from tools.benchmarks.recordings import DriveErrors, SimulatedRecording, parse_recording_spec
 
+# One worker simulates the drive for all of them.
+pytestmark = pytest.mark.xdist_group("perturbations")
+
 
 @pytest.fixture(scope="module")
 def spec(tmp_path_factory):

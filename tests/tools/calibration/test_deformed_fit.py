@@ -8,6 +8,9 @@ from tests.merging.bent_floor import bent_maps
 from tools.calibration.deformed_fit import DeformedTrial, TooFewPairsError, fit_deformed, trial_of
 from tools.map_pairs.known_pair import KnownPair
 
+# One worker makes and aligns the bent maps for all of them.
+pytestmark = pytest.mark.xdist_group("bent_maps")
+
 
 def trial(rng, *, right):
     """An attempt at the true pose passes its tests more clearly, and more blocks agree."""

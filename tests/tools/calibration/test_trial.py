@@ -8,6 +8,9 @@ from tests.merging.bent_floor import bent_maps
 from tools.calibration.trial import Trial
 from tools.map_pairs.known_pair import KnownPair
 
+# One worker makes and aligns the bent maps for all of them.
+pytestmark = pytest.mark.xdist_group("bent_maps")
+
 
 @pytest.fixture(scope="module", params=[False, True], ids=["as it is", "swapped"])
 def bent(request):

@@ -14,6 +14,9 @@ from datasets.synthetic.robot.surroundings import ranges_of
 from tbmslam.geometry.se2 import compose, inverse
 from tools.make_world import FAULTS as OFFERED
 
+# One worker simulates the drives for all of them.
+pytestmark = pytest.mark.xdist_group("faults of sensors")
+
 
 @pytest.fixture(scope="module")
 def world():
