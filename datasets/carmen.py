@@ -20,7 +20,7 @@ from datasets.recording import Recording, in_blocks
 from datasets.scans.cleaning import RangeRules
 from datasets.scans.intake import ScanIntake
 from datasets.text_files import lines_of
-from tbmslam.geometry.se2 import SE2
+from tbmslam.geometry.se2 import SE2, median_pose, stacked
 from tbmslam.sensing.laser_scan import LaserScan, Reading
 
 logger = logging.getLogger(__name__)
@@ -162,8 +162,7 @@ def _median_mount(samples: list[LoggedScan], settings: LogSettings) -> SE2:
     """Return the median T_robot_sensor of some lines, or the one of the settings without a line."""
     if not samples:
         return SE2(settings.laser_offset, 0.0, 0.0)
-    first = samples[0].T_robot_sensor  # angles of a laser that looks backwards lie on both sides of pi
-    return first @ SE2(*np.median([first.to(logged.T_robot_sensor) for logged in samples], axis=0).tolist())
+    return median_pose(stacked([logged.T_robot_sensor for logged in samples]))
 
 
 def _readings(

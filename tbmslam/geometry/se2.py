@@ -150,6 +150,14 @@ def _in_rows(x: FloatArray, y: FloatArray, heading: FloatArray) -> FloatArray:
     return motions
 
 
+def median_pose(poses: FloatArray) -> SE2:
+    """Return the median of each coordinate of near poses (N, 3), N > 0; angles may lie on both sides of pi."""
+    apart = poses - poses[0]
+    apart[:, 2] = wrap_angles(apart[:, 2])
+    x, y, heading = (poses[0] + np.median(apart, axis=0)).tolist()
+    return SE2(x, y, wrap_angle(heading))
+
+
 def path_lengths(points: FloatArray) -> FloatArray:
     """Return the length of the path from the first of points or poses (N, >= 2) to each (N,) [m]."""
     travelled = np.zeros(len(points))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from tbmslam.geometry.se2 import SE2, FloatArray, compose
+from tbmslam.geometry.se2 import SE2, FloatArray, compose, median_pose
 from tbmslam.sensing.laser_scan import LaserScan
 
 
@@ -105,8 +105,8 @@ class Keyframes:
         return self.pose(index) @ SE2.from_array(self.sensor_poses[index])
 
     def mounting(self) -> SE2:
-        """Return the mount of the laser, T_robot_sensor; if it changed, the median of each coordinate."""
-        return SE2.from_array(np.median(self.sensor_poses, axis=0))
+        """Return the mount of the laser, T_robot_sensor; if it changed, the median."""
+        return median_pose(self.sensor_poses)
 
     def all_sensor_poses(self) -> FloatArray:
         """Return the laser's poses (K, 3) in the map."""

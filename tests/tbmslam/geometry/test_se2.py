@@ -5,7 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from tbmslam.geometry.se2 import SE2, compose, interpolate, inverse, laid_out, stacked, wrap_angle, wrap_angles
+from tbmslam.geometry.se2 import (
+    SE2,
+    compose,
+    interpolate,
+    inverse,
+    laid_out,
+    median_pose,
+    stacked,
+    wrap_angle,
+    wrap_angles,
+)
 
 QUARTER = math.pi / 2
 
@@ -91,3 +101,10 @@ def test_poses_are_laid_out_along_steps():
         poses.append(poses[-1] @ step)
     np.testing.assert_allclose(laid_out(np.array(start), stacked(steps)), stacked(poses), atol=1e-12)
     np.testing.assert_array_equal(laid_out(np.array(start), np.zeros((0, 3))), [start])
+
+
+@pytest.mark.parametrize("turn", [0.0, math.pi])
+def test_the_median_of_poses_is_among_them_wherever_they_face(turn):
+    poses = np.array([[1.0 + x, 2.0, wrap_angle(turn + x)] for x in (-0.02, 0.01, -0.01, 0.03)])
+    np.testing.assert_allclose(median_pose(poses), (1.0, 2.0, wrap_angle(turn)), atol=5e-4)
+    np.testing.assert_allclose(median_pose(poses[:1]), poses[0], atol=1e-12)
