@@ -40,8 +40,6 @@ class Edge:
     count: int = 0
     moves: bool = False
     """Whether any transform differed from the first."""
-    travels: bool = False
-    """Whether any place differed from the first: wheels and turrets only turn."""
     lags: list[float] = field(default_factory=list)
     """Bag time minus stamp of the first transforms [s]."""
 
@@ -75,9 +73,7 @@ class FrameGraph:
         key = (plain(parent), plain(child))
         edge = self.edges.setdefault(key, Edge(*key, static, pose))
         edge.count += 1
-        differs = [abs(a - b) > 1e-6 for a, b in zip(pose, edge.first, strict=True)]
-        edge.moves = edge.moves or any(differs)
-        edge.travels = edge.travels or any(differs[:3])
+        edge.moves = edge.moves or any(abs(a - b) > 1e-6 for a, b in zip(pose, edge.first, strict=True))
         if len(edge.lags) < KEPT_LAGS and math.isfinite(lag):
             edge.lags.append(lag)
 

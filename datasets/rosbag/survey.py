@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from datasets.odometry.frames import KEPT_LAGS, FrameGraph, Frames, choose_frames, is_localised, is_of_robot, plain
+from datasets.odometry.frames import KEPT_LAGS, FrameGraph, Frames, choose_frames, is_of_robot, plain
 from datasets.odometry.se3 import SE3
 from datasets.options import RecordingOptions
 from datasets.scans.cleaning import FATES, RangeRules, clean_ranges
@@ -174,22 +174,11 @@ class Survey:
         """Return whether the robot moves relative to a frame, by the odometry in tf or else by that of the topic."""
         if frames is not None:
             moving = [step.edge.key for step in frames.to_robot if not step.edge.is_fixed]
-            path = self.graph.path(frame, frames.robot, True)
-            return self._holds_drive(frame) if path is None else any(step.edge.key in moving for step in path)
+            return any(step.edge.key in moving for step in self.graph.path(frame, frames.robot, True) or [])
         if self.odometry_frame in ("", plain(self.odometry_robot or "")) or is_of_robot(self.odometry_frame):
             return False  # the topic states no frame, or a wrong one
         path = self.graph.path(frame, self.odometry_frame, True)
-        return self._holds_drive(frame) if path is None else all(step.down for step in path)
-
-    def _holds_drive(self, frame: str) -> bool:
-        """Return whether tf states a drive in a frame apart from the robot's, as the odometry of a lidar does.
-
-        Some localisers state the frame of the map or of the odometry in that of the sensor, which is no drive.
-        """
-        if is_of_robot(frame):
-            return False
-        below = [edge for edge in self.graph.edges.values() if edge.parent == frame]
-        return any(edge.travels and not is_localised(edge.child) and "odom" not in edge.child for edge in below)
+        return path is not None and all(step.down for step in path)
 
     def is_enough(self, bag_time: float) -> bool:
         """Return whether the survey needs no more of the recording."""

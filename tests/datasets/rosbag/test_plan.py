@@ -140,35 +140,6 @@ def test_points_in_the_frame_of_the_drive_are_refused(script, tmp_path, by_tf, f
     assert len(read(path, sensor_pose=SE2.identity())[0]) > 50
 
 
-@pytest.mark.parametrize("by_tf", [True, False])
-@pytest.mark.parametrize(
-    ("parent", "child", "refused"),
-    [
-        ("camera_init", "body", True),
-        ("camera_init", "wheel", False),
-        ("laser", "slam/map", False),
-        ("laser", "slam_odom", False),
-        ("base_link", "lift", False),
-    ],
-)
-def test_points_in_the_frame_of_a_lidar_s_own_odometry_are_refused(script, tmp_path, parent, child, by_tf, refused):
-    """Beside the odometry of the wheels, to which tf does not join that of the lidar."""
-    for k in range(60):
-        now, pose = 100.0 + 0.1 * k, SE2(0.1 * k, 0.0, 0.0)
-        if by_tf:
-            script.tf(now, "odom", "robot/base_link", pose)
-        else:
-            script.odometry(now, pose, child="robot/base_link")
-        script.tf(now, parent, child, SE2(0.0, 0.0, 0.1 * k) if child == "wheel" else pose)
-        script.scan(now + 0.05, frame=parent)
-    path = script.in_time_order().write(tmp_path / "run.bag")
-    if refused:
-        with pytest.raises(DatasetError, match=f"the points of /scan are in the frame {parent}, in which the robot"):
-            open_recording([path])
-    else:
-        assert len(read(path)[0]) > 50
-
-
 @pytest.mark.parametrize(
     ("edge", "header", "child", "frame"),
     [
