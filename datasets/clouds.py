@@ -258,15 +258,16 @@ def mounting(T_robot_sensor: SE3 | None, sensor_pose: SE2 | None, upside_down: b
     """Return the mount of a sensor in space from its mount in tf, None if unknown.
 
     `sensor_pose` replaces the pose in the plane, but not the height and the tilt. Without a mount in tf the sensor is
-    level; a camera, by the name of its frame, then looks in the direction of `sensor_pose`. `upside_down` states which
-    side is up, regardless of tf: another side is turned up around the axis along which the sensor looks.
+    level. A camera, by the name of its frame, looks in the direction of `sensor_pose`. `upside_down` states which side
+    is up, regardless of tf: another side is turned up around the axis along which the sensor looks.
     """
     axes = _OPTICAL if is_optical(frame) else _USUAL
     T_robot_plane = SE3.from_planar(sensor_pose or SE2.identity())
     if T_robot_sensor is None:
         T_robot_sensor = T_robot_plane @ axes.level
     elif sensor_pose is not None:
-        T_robot_sensor = T_robot_plane @ SE3.from_planar(T_robot_sensor.planar()).inverse() @ T_robot_sensor
+        looking = (T_robot_sensor @ axes.level.inverse()).planar()
+        T_robot_sensor = T_robot_plane @ SE3.from_planar(looking).inverse() @ T_robot_sensor
     hangs = T_robot_sensor.rotated(*axes.up)[2] < 0.0
     return T_robot_sensor if upside_down in (None, hangs) else T_robot_sensor @ axes.rolled
 

@@ -104,11 +104,11 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
     if to_sensor is None and sensor_pose is None:
         sensor_pose = STATA_SENSOR_POSE if options.profile == "stata" else None
         logger.warning(
-            "%s: tf does not hold the mount of the laser (frame %r); the default is %s: pass --sensor-pose, "
-            "and --upside-down if it hangs upside down",
+            "%s: tf does not hold the mount of the laser (frame %r); the default is %s: pass --sensor-pose%s",
             files.paths[0],
             laser.frame,
             "that of the PR2" if sensor_pose else "the robot's centre",
+            ", and --upside-down if it hangs upside down" if options.upside_down is None else "",
         )
     odometry_lags = _odometry_lags(survey, frames, source)
     clock = compare_clocks(laser.lags, odometry_lags, laser.sweep())

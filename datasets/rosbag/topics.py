@@ -50,9 +50,9 @@ def is_plain_odom(name: str, scan: str) -> bool:
 
 
 def is_truth(name: str) -> bool:
-    """Return whether a topic is the true motion in a simulation by its name, as /base_pose_ground_truth of Stage."""
-    words = re.split(r"[/_]", name.lower())
-    return "gt" in words or "groundtruth" in "".join(words)
+    """Return whether a topic is the true motion by its name, as /base_pose_ground_truth of Stage or /odom_gt."""
+    name = name.lower()
+    return "gt" in name.rsplit("/", 1)[-1].split("_") or re.search(r"(?<![a-z])ground_?truth", name) is not None
 
 
 def _namespace(name: str) -> tuple[str, ...]:
@@ -92,8 +92,8 @@ def choose_topics(files: BagFiles, options: RecordingOptions) -> ChosenTopics:
     truth = None
     if odometry is not None and options.odometry_topic is None and is_truth(odometry):
         truth = (
-            f"{odometry}, by its name the true motion in a simulation, is used as odometry: pass --odometry-topic for "
-            "another, or --odometry none"
+            f"{odometry}, by its name the true motion, is used as odometry, since there is no other: pass "
+            "--odometry none to map without"
         )
     return ChosenTopics(scan, transforms, odometry, doubt, truth)
 
@@ -167,7 +167,8 @@ def _odometry_topic(files: BagFiles, options: RecordingOptions, scan: str) -> st
     candidates = sorted(plain_first + poses, key=is_truth)
     if options.odometry == "topic" and not candidates:
         raise DatasetError(f"{_names(files)}: no topic holds odometry: choose another source with --odometry")
-    if options.odometry == "topic" and len(filled) > 1 and not is_plain_odom(candidates[0], scan):
+    measured = [name for name in filled if not is_truth(name)]
+    if options.odometry == "topic" and len(measured or filled) > 1 and not is_plain_odom(candidates[0], scan):
         raise DatasetError(
             f"{_names(files)}: several topics hold odometry: {', '.join(filled)}: choose one with --odometry-topic"
         )

@@ -349,6 +349,16 @@ def test_a_stated_mount_replaces_that_of_tf_in_the_plane():
     assert mounting(None, None, True) == HANGING
 
 
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_a_stated_mount_is_the_direction_in_which_a_camera_looks_with_and_without_tf(tilt):
+    frame, stated = "camera_optical_frame", SE2(0.3, 0.1, 0.5)
+    in_tf = SE3(0.0, 0.0, 0.6, 0.0, math.sin(tilt), 0.0, math.cos(tilt)) @ mounting(None, None, None, frame)
+    for mount in (mounting(in_tf, stated, None, frame), mounting(None, stated, None, frame)):
+        x, y, _ = mount.rotated(0.0, 0.0, 1.0)
+        assert math.atan2(y, x) == pytest.approx(0.5)
+        assert (mount.x, mount.y) == pytest.approx((0.3, 0.1))
+
+
 @pytest.mark.parametrize(("frame", "up"), [("lidar", (0.0, 0.0, 1.0)), ("camera_optical_frame", (0.0, -1.0, 0.0))])
 def test_the_side_that_is_up_is_stated_regardless_of_tf(frame, up):
     """The sensor keeps its place, its tilt and the direction in which it looks."""

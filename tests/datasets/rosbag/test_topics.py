@@ -34,7 +34,8 @@ def test_two_lasers_of_one_robot_share_all():
 
 def test_names_of_the_true_motion():
     true = ("/base_pose_ground_truth", "/ground_truth/state", "/robot/groundTruth/odom", "/odom_gt")
-    assert [name for name in (*true, "/odom", "/gtsam/odometry", "/ground/odom", "/truth") if is_truth(name)] == [*true]
+    others = ("/odom", "/gtsam/odometry", "/ground/odom", "/truth", "/gt/odom", "/gt_racer/odom", "/playground_truth")
+    assert [name for name in (*true, *others) if is_truth(name)] == [*true]
 
 
 @pytest.mark.parametrize(
@@ -42,9 +43,10 @@ def test_names_of_the_true_motion():
     [
         ([], {}, "/a_ground_truth", True),
         (["/wheels"], {}, "/wheels", False),
+        (["/wheels"], {"odometry": "topic"}, "/wheels", False),
         ([], {"odometry_topic": "/a_ground_truth"}, "/a_ground_truth", False),
     ],
-    ids=["alone", "beside wheels", "asked for"],
+    ids=["alone", "beside wheels", "beside wheels that must be a topic", "asked for"],
 )
 def test_the_true_motion_is_no_odometry_without_a_word(script, tmp_path, caplog, others, options, topic, warned):
     for k in range(60):
