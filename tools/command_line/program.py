@@ -39,11 +39,12 @@ def check_environment() -> None:
 def escape_output() -> None:
     """Print names that are not text with their bytes escaped, and messages without control characters.
 
-    Python would fail on such names, and a terminal would execute control characters.
+    Python would fail on such names, and a terminal would execute control characters. Each line is written at once, also
+    to a pipe or a file: a user follows the robots of a long run there.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+            stream.reconfigure(errors="backslashreplace", line_buffering=True)
     for handler in (*logging.getLogger().handlers, logging.lastResort):
         if isinstance(handler, logging.StreamHandler) and handler.stream is sys.stderr:
             handler.setFormatter(_Printable(handler.formatter))

@@ -147,8 +147,7 @@ def test_a_name_that_is_no_text_can_be_printed(monkeypatch):
     stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
     monkeypatch.setattr(sys, "stdout", stream)
     escape_output()
-    stream.write("drive \udcff\n")
-    stream.flush()
+    stream.write("drive \udcff\n")  # without a flush
     assert stream.buffer.getvalue() == b"drive \\udcff\n"
 
 
