@@ -169,9 +169,12 @@ class Raster:
         """Return the JSON for the page's script, with the picture as a data URL."""
         left, bottom, right, top = self.geometry.bounds()
         png = self.palette.png(np.ascontiguousarray(self.levels[::-1]))
+        red, green, blue = self.palette.colours[-1]
         return {
             **self.switch.as_json(),
             "kind": "raster",
+            # That of the robot, where a row of switches is one robot.
+            "colour": f"rgb({red}, {green}, {blue})" if self.switch.column else None,
             "bounds": [[bottom, left], [top, right]],
             "image": "data:image/png;base64," + base64.b64encode(png).decode("ascii"),
             "colours": [list(colour) for colour in self.palette.colours] if self.unit is not None else None,

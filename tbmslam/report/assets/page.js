@@ -123,7 +123,7 @@
       return bar;
     }
     const square = make("i", { className: "swatch" });
-    square.style.background = layer.colour || `rgb(${(layer.colours || [[0, 0, 0]])[0].join()})`;
+    square.style.background = layer.colour;
     return square;
   }
 
@@ -138,8 +138,8 @@
     const heads = columns.map((column) => make("th", { textContent: column, scope: "col" }));
     const lines = rows.map((row) => {
       const own = entries.filter((entry) => entry.layer.label === row);
-      const line = own.find((entry) => entry.layer.colour);
-      const name = make("td", { title: row }, [...(line ? [swatch(line.layer)] : []), row]);
+      const coloured = own.find((entry) => entry.layer.colour);
+      const name = make("td", { title: row }, [...(coloured ? [swatch(coloured.layer)] : []), row]);
       const cells = columns.map((column) => {
         const entry = own.find((one) => one.layer.column === column);
         if (!entry) return make("td");

@@ -100,6 +100,16 @@ def test_a_picture_lies_in_metres_with_y_upwards():
     assert said["colours"] == [[255, 255, 255], [10, 20, 30]]
 
 
+def test_a_picture_has_the_colour_of_its_robot_in_a_row_of_switches():
+    """A map without drives has no other layer with the colour."""
+    geometry, levels = GridGeometry(0.5, -1.0, 2.0, 2, 3), np.zeros((2, 3), dtype=np.uint8)
+    colours = [
+        Raster(switch, geometry, levels, TWO).as_json()["colour"]
+        for switch in (Switch("Robots", "plan", "map"), Switch("Map", "walls"))
+    ]
+    assert colours == ["rgb(10, 20, 30)", None]
+
+
 def test_points_are_y_and_x_in_millimetres():
     said = Marks(Switch("Robots", "a", "drive"), "line", np.array([[1.23456, -2.0]]), (1, 2, 3)).as_json()
     assert said["points"] == [[-2.0, 1.235]]
