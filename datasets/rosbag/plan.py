@@ -128,7 +128,6 @@ def plan_reading(files: BagFiles, options: RecordingOptions) -> Plan:
     doubts = (
         *([topics.doubt] if topics.doubt else []),
         *_doubts(files, survey, frames, to_sensor if sensor_pose is None else None),
-        *([topics.truth] if topics.truth and source == "topic" else []),
         *([times] if times is not None else []),
         *([late_stamps] if late_stamps is not None else []),
         *([limits] if limits and (options.range_min is None or options.range_max is None) else []),

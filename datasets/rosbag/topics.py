@@ -1,6 +1,5 @@
 """Choice of the topics of a bag."""
 
-import re
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -49,12 +48,6 @@ def is_plain_odom(name: str, scan: str) -> bool:
     return name.rsplit("/", 1)[-1] == "odom" and len(_namespace(name)) == nearness_to(scan)(name)
 
 
-def is_truth(name: str) -> bool:
-    """Return whether a topic is the true motion by its name, as /base_pose_ground_truth of Stage or /odom_gt."""
-    name = name.lower()
-    return "gt" in name.rsplit("/", 1)[-1].split("_") or re.search(r"(?<![a-z])ground_?truth", name) is not None
-
-
 def _namespace(name: str) -> tuple[str, ...]:
     """Return the parts of a topic's name before the last."""
     return tuple(name.strip("/").split("/")[:-1])
@@ -74,8 +67,6 @@ class ChosenTopics(NamedTuple):
     odometry: str | None
     doubt: str | None = None
     """Warning about topics with the same scans."""
-    truth: str | None = None
-    """Warning about odometry that was chosen although it is the true motion by its name."""
 
     def all(self) -> tuple[str, ...]:
         """Return the names of all chosen topics."""
@@ -89,13 +80,7 @@ def choose_topics(files: BagFiles, options: RecordingOptions) -> ChosenTopics:
     if options.odometry != "none" or options.sensor_pose is None:
         transforms = _transforms(files, options, scan)
     odometry = _odometry_topic(files, options, scan) if options.odometry in ("auto", "topic") else None
-    truth = None
-    if odometry is not None and options.odometry_topic is None and is_truth(odometry):
-        truth = (
-            f"{odometry}, by its name the true motion, is used as odometry, since there is no other: pass "
-            "--odometry none to map without"
-        )
-    return ChosenTopics(scan, transforms, odometry, doubt, truth)
+    return ChosenTopics(scan, transforms, odometry, doubt)
 
 
 def is_static(topic: str) -> bool:
@@ -164,15 +149,13 @@ def _odometry_topic(files: BagFiles, options: RecordingOptions, scan: str) -> st
     poses = [topic.name for topic in files.of_type(POSE_TYPE) if topic.messages and "odom" in topic.name]
     poses = of_same_robot(poses, scan, others)
     plain_first = sorted(filled, key=lambda name: (-nearness(name), not is_plain_odom(name, scan), name))
-    candidates = sorted(plain_first + poses, key=is_truth)
-    if options.odometry == "topic" and not candidates:
+    if options.odometry == "topic" and not plain_first + poses:
         raise DatasetError(f"{_names(files)}: no topic holds odometry: choose another source with --odometry")
-    measured = [name for name in filled if not is_truth(name)]
-    if options.odometry == "topic" and len(measured or filled) > 1 and not is_plain_odom(candidates[0], scan):
+    if options.odometry == "topic" and len(filled) > 1 and not is_plain_odom(plain_first[0], scan):
         raise DatasetError(
             f"{_names(files)}: several topics hold odometry: {', '.join(filled)}: choose one with --odometry-topic"
         )
-    return next(iter(candidates), None)
+    return next(iter(plain_first + poses), None)
 
 
 def _named(files: BagFiles, name: str, msgtypes: tuple[str, ...], option: str) -> Topic:

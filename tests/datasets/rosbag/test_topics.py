@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from datasets import DatasetError, RecordingOptions, open_recording
-from datasets.rosbag.topics import is_plain_odom, is_truth, nearness_to, of_same_robot
+from datasets.rosbag.topics import is_plain_odom, nearness_to, of_same_robot
 from tbmslam.geometry.se2 import SE2
-from tests.warnings_page import is_explained
 
 
 def test_what_lies_nearer_to_other_scans_is_another_robots():
@@ -30,35 +29,6 @@ def test_two_lasers_of_one_robot_share_all():
     names = ["/robot/odom", "/robot/wheels/odom", "/tf"]
     assert of_same_robot(names, "/robot/front/scan", ["/robot/rear/scan"]) == names
     assert of_same_robot(["/odom"], "/front/scan", ["/rear/scan"]) == ["/odom"]
-
-
-def test_names_of_the_true_motion():
-    true = ("/base_pose_ground_truth", "/ground_truth/state", "/robot/groundTruth/odom", "/odom_gt")
-    others = ("/odom", "/gtsam/odometry", "/ground/odom", "/truth", "/gt/odom", "/gt_racer/odom", "/playground_truth")
-    assert [name for name in (*true, *others) if is_truth(name)] == [*true]
-
-
-@pytest.mark.parametrize(
-    ("others", "options", "topic", "warned"),
-    [
-        ([], {}, "/a_ground_truth", True),
-        (["/wheels"], {}, "/wheels", False),
-        (["/wheels"], {"odometry": "topic"}, "/wheels", False),
-        ([], {"odometry_topic": "/a_ground_truth"}, "/a_ground_truth", False),
-    ],
-    ids=["alone", "beside wheels", "beside wheels that must be a topic", "asked for"],
-)
-def test_the_true_motion_is_no_odometry_without_a_word(script, tmp_path, caplog, others, options, topic, warned):
-    for k in range(60):
-        for name in ("/a_ground_truth", *others):
-            script.odometry(100.0 + 0.1 * k, SE2(0.1 * k, 0.0, 0.0), topic=name)
-        script.scan(100.05 + 0.1 * k)
-    recording = choose(script.write(tmp_path / "run.bag"), **options)
-    assert recording.description["odometry_topic"] == topic
-    told = [line for line in recording.description["frame_warnings"] if "true motion" in line]
-    assert told == [line.split("run.bag: ")[1] for line in caplog.messages if "true motion" in line]
-    assert bool(told) is warned
-    assert all(map(is_explained, told))
 
 
 def test_names_that_are_shared():
