@@ -150,11 +150,16 @@ def _in_rows(x: FloatArray, y: FloatArray, heading: FloatArray) -> FloatArray:
     return motions
 
 
+def differences(poses: FloatArray, pose: FloatArray) -> FloatArray:
+    """Return the differences of the coordinates of poses (N, 3) and a pose (3,), with the angles wrapped."""
+    apart = poses - pose
+    apart[:, 2] = wrap_angles(apart[:, 2])
+    return apart
+
+
 def median_pose(poses: FloatArray) -> SE2:
     """Return the median of each coordinate of near poses (N, 3), N > 0; angles may lie on both sides of pi."""
-    apart = poses - poses[0]
-    apart[:, 2] = wrap_angles(apart[:, 2])
-    x, y, heading = (poses[0] + np.median(apart, axis=0)).tolist()
+    x, y, heading = (poses[0] + np.median(differences(poses, poses[0]), axis=0)).tolist()
     return SE2(x, y, wrap_angle(heading))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from tbmslam.calibration.clock_check import clock_warning, is_late
 from tbmslam.calibration.hand_eye import motions_of, sensor_place, turn_lag
 from tbmslam.calibration.mount_check import MountChange, MountCheckConfig, mount_changes, mount_warning
-from tbmslam.geometry.se2 import FloatArray, path_lengths, wrap_angles
+from tbmslam.geometry.se2 import FloatArray, differences, path_lengths
 from tbmslam.geometry.trajectory import Trajectory, elapsed_times
 from tbmslam.kernels import BoolArray, IntArray
 from tbmslam.map.keyframes import Keyframes
@@ -206,10 +206,8 @@ class DriveReview:
 
         Logs round the poses of each line, and the mount is interpolated in tf, so equal mounts differ a little.
         """
-        apart = stated - stated[0]
-        apart[:, 2] = wrap_angles(apart[:, 2])  # a laser that looks backwards may have angles near pi and near -pi
-        limits = (self._mount.distance, self._mount.distance, self._mount.angle)
-        return bool((np.ptp(apart, axis=0) > _STEADY * np.array(limits)).any())
+        limits = np.array((self._mount.distance, self._mount.distance, self._mount.angle))
+        return bool((np.ptp(differences(stated, stated[0]), axis=0) > _STEADY * limits).any())
 
     def _change_warning(
         self, changes: Sequence[MountChange], ends: Sequence[float], keyframes: Keyframes
